@@ -1,17 +1,18 @@
 """Closed form of band limiting: blur over a hogel's area, and the number of points it needs.
 
-A hogel shows the mean of the pictures of all points of its area, a box of one pitch p (paper,
-section 6). Over the pitch the picture of a surface at height z moves by p |1/z - 1/Z| W/(2 t)
-pixels, the blur, with the screen at Z. Along straight contours, color across the blur is a sum of
-steps. The mean of a step over the box is the share of the box on one side of a line, the mean over
-N points the share of the points; the largest difference of both, over all lines, is the discrepancy
-D(N) of the points for half planes. So the mean over N points is off by at most V D(N), where V is
-the total change of color across the blur: the contrast of an edge.
+A band-limited hogel shows the mean of the pictures from all points of its area, a box of one pitch
+p (paper, section 6). From one side of the box to the other, the picture of a surface at height z
+moves by p |1/z - 1/Z| W/(2 t) pixels, with the screen at Z. This distance is the blur. Along
+straight contours, color across the blur is a sum of steps. The exact mean of a step is the share of
+the box on one side of a line; its mean over N points is the share of the points on this side. The
+largest difference of these two shares, over all lines, is the discrepancy D(N) of the points for
+half planes. Therefore the error of the mean over N points is at most V D(N), where V is the total
+change of color across the blur: the contrast of an edge.
 
-For m x m points in rows and columns D = 1/(2 m). The points of `sampling.sub_apertures`, of which
-few lie on one line, have a smaller D from some 1,000 points on. In the mean over a pixel's area an
-edge is a ramp, one pixel wide or wider. A blur of b pixels, the sum of both axes, changes that mean
-by at most V b/8, and where b < 1 the error of the points counts in a share b of the pixel only.
+For m x m points in rows and columns, D = 1/(2 m). The points of `sampling.sub_apertures`, only few
+of which lie on one line, have a smaller D from about 1,000 points on. In the mean over a pixel's
+area an edge is a ramp, at least one pixel wide. A blur of b pixels, summed over both axes, changes
+this mean by at most V b/8. If b < 1, the error of the points counts only in a share b of the pixel.
 """
 
 import math
@@ -27,10 +28,11 @@ from xfrustum.scenes.plate.plate import Aperture
 
 LEVEL = 1 / 255  #: one level of 8 bits, in radiance
 
-#: Half-plane discrepancy of N sub-apertures, N a power of two: the largest difference of the share
-#: of the points on one side of a straight line and the share of the box on that side. It was
-#: computed for 2,000 to 6,000 directions, each with every offset, refined about the largest, and
-#: rounded up; a test computes it again. The value of two points exceeds the value of one.
+#: Half-plane discrepancy of N sub-apertures, N a power of two: the largest difference between the
+#: share of the points on one side of a straight line and the share of the box on that side. It was
+#: computed for 2,000 to 6,000 directions of the line and all offsets, refined near the maximum, and
+#: rounded up; a test computes it again. Two points are missing, because their value exceeds the
+#: value of a single point.
 DISCREPANCY = MappingProxyType(
     {
         1: 0.5,
@@ -56,7 +58,7 @@ DISCREPANCY = MappingProxyType(
 
 
 def blur_px(scene: Scene, z: float) -> tuple[float, float]:
-    """Return columns and rows of blur of a point at signed height z; 0 stands for infinity."""
+    """Return the blur of a point at signed height z, in columns and rows; infinite for z = 0."""
     frustum, plate, screen = scene.frustum, scene.plate, scene.frustum.screen
     moved = abs((math.inf if z == 0 else 1 / z) - (0.0 if screen is None else 1 / screen.height))
     _, half = film_window(frustum, plate.middle)
@@ -76,14 +78,14 @@ def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float
 def sub_apertures_for(
     blur: tuple[float, float], contrast: float, error: float = LEVEL
 ) -> int | None:
-    """Return the least power of two of points with `error_bound` within an error, or None."""
+    """Return the smallest number of points with `error_bound` at most `error`, or None."""
     return next(
         (count for count in DISCREPANCY if error_bound(count, blur, contrast) <= error), None
     )
 
 
 def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
-    """Return the largest blur of a bin, columns and rows, and the least of the larger axis."""
+    """Return the largest blur of a depth bin per axis, and the smallest of its larger axis."""
     sign, screen = -1.0 if content.behind else 1.0, scene.frustum.screen
     nearest, farthest = (blur_px(scene, sign * end) for end in (content.nearest, content.farthest))
     least = min(max(nearest), max(farthest))
@@ -93,10 +95,10 @@ def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
 
 
 def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> float:
-    """Return a bound of the change of radiance at an edge, 0 to 1, through apertures (None: all).
+    """Return a bound of the radiance step at an edge, 0 to 1, seen from apertures (None: all).
 
-    It is the largest radiance that the materials of visible objects allow, against black, and at
-    most one, where pictures of 8 bits are clipped.
+    It is the largest radiance that the materials of visible objects can have, next to black. It is
+    at most one, because 8-bit pictures are clipped there.
     """
     region, environment = Region.from_cells(scene, apertures), scene.appearance.environment
     lights = sum((np.array(light.color) for light in scene.appearance.lights), np.zeros(3))
@@ -117,7 +119,7 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
 
 
 def needed_sub_apertures(scene: Scene, error: float = LEVEL) -> int:
-    """Return the number of sub-apertures that keeps an error, radiance; at most `DISCREPANCY`'s."""
+    """Return the number of sub-apertures for a radiance error, at most the largest tabulated."""
     contrast = contrast_of(scene)
     counts = [
         sub_apertures_for(blurs(scene, content)[0], contrast, error)

@@ -20,16 +20,16 @@ from xfrustum.scenes.representation import ShortRepr
 #: Change of each link; link k leads from image k to image k + 1 of the chain.
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 
-PIVOT = 1  #: the link that moves the center of the shear
+PIVOT = 1  #: index of the link that moves the center of the shear
 RASTERIZATION = (
-    #: index in `LINKS` of the first of the two links with rounding, whose pixels are explained by
-    #: causes
+    #: index in `LINKS` of the first of the two links with rounding; wrong pixels of these links are
+    #: classified by cause
     4
 )
 #: link between slabs and rasterization, in chains whose settings cull faces
 CULLING = "culling"
 
-#: Depth buffer without precision errors: pixels that are right only with it are charged to depth.
+#: Depth buffer practically without errors: pixels that only it gets right are charged to depth.
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 
 
@@ -37,19 +37,20 @@ EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 class Chain(ShortRepr):
     """T0, T1, T2, T3, T4, R0 and R1 of one aperture; with culling T5 between T4 and R0.
 
-    T0 is the true crossed frustum; T1 has the near offset; T2 pivot; T3 fit; T4 slabs; T5 lacks
-    culled faces; all traced and certified. R0 is rasterized with linear depth, R1 with the
-    depth buffer of the settings.
+    T0 is the true crossed frustum. T1 adds the near offset, T2 the pivot, T3 the fit, T4 the slabs,
+    and T5 omits culled faces. All of these are traced and certified. R0 is rasterized with linear
+    depth, R1 with the depth buffer of the settings.
     """
 
     images: tuple[HogelImage, ...]
     settings: DoubleFrustum
-    device: DeviceModel  #: settings that drew both
+    device: DeviceModel  #: model of the device that drew R0 and R1
 
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
-    """Return the settings of T1 to T4, and of T5 with culling, each undoing one more change."""
-    # The default fit is replaced by its explicit equivalent: links without a change compare equal.
+    """Return the settings of T1 to T4, and of T5 with culling; each adds one change."""
+    # The default fit is replaced by its explicit equivalent, so that settings without a change
+    # compare equal.
     settings = replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
     drawn = replace(settings, cull=Cull.NONE)
     whole = replace(drawn, slabs=())
@@ -90,7 +91,7 @@ def traced_models(
 def make_chain(
     reference: Reference, rasterizer: Rasterizer, aperture: Aperture, settings: DoubleFrustum
 ) -> Chain:
-    """Trace and draw all images of the chain; settings that make no sense raise InputError."""
+    """Trace and draw all images of the chain; invalid settings raise InputError."""
     settings.check_against(reference.scene.frustum)
     traced = traced_models(reference, aperture, settings)
     links = (with_exact_depth(settings), settings)

@@ -1,13 +1,13 @@
 """Closed forms of depth buffers: the smallest resolved separation, and the share of wrong pixels.
 
-Two independent errors limit the separation of two surfaces, so that their squares add: the step of
-the format, up to which distinct depths are stored as equal ones; and float32, in which depth is
-computed before it is stored. Each rounding is uniform within half a unit in the last place of the
-rounded number, a variance of a twelfth of a unit squared; the difference of two surfaces has twice
-that, and is close to normal.
+Two independent errors limit the separation of two surfaces, and their squares add: the step of the
+format, within which distinct depths are stored as equal; and the float32 rounding of depth before
+it is stored. Each rounding error is uniform within half a unit in the last place of the rounded
+number and has a variance of a twelfth of a unit squared. The error of the difference of two
+surfaces has twice the variance, and is close to normal.
 
-A pixel is shown wrongly by order or lost (docs/method.md, "The error budget"). Surfaces in
-different slabs have separate depth buffers.
+Depth errors make a pixel wrong in two ways, `order` and `lost` (docs/method.md, "The error
+budget"). Surfaces in different slabs have separate depth buffers.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from xfrustum.scenes.plate.double_frustum import (
 )
 from xfrustum.scenes.plate.plate import Frustum
 
-#: Largest share of pixels that may show the wrong surface at a separation that counts as ordered;
-#: equal to `tolerances.MAX_WRONG`.
+#: Largest share of wrong pixels at a separation that counts as resolved; equal to
+#: `tolerances.MAX_WRONG`.
 MAX_MISORDERED_FRACTION = 0.01
 
 #: Roundings of a vertex's depth, relative to w: clip depth is a product and a sum, and clip w is
@@ -50,8 +50,7 @@ W_ROUNDINGS = 6
 
 #: Roundings of the depth that a fragment computes from w. Linear depth has a difference, a
 #: division, and storing; the logarithm counts its half units in the last place. The approximation
-#: error of the logarithm beyond rounding is the same for two depths so near to each other, and
-#: cancels.
+#: error of the logarithm, apart from rounding, is equal for two close depths and cancels.
 EXPRESSION_ROUNDINGS = {DepthMapping.LINEAR: 3, DepthMapping.LOGARITHMIC: LOG_ULPS}
 
 
@@ -63,18 +62,18 @@ def smallest_separation(
     mapping: DepthMapping,
     device: DeviceModel | None = None,
 ) -> Floats:
-    """Return the smallest separation, in w and scene units, that a depth buffer still orders.
+    """Return the smallest separation along w, in scene units, that a depth buffer resolves.
 
-    `w` (...) are distances of the surfaces from the camera along its axis, between the planes.
-    At the separation `MAX_MISORDERED_FRACTION` of the pixels still show the wrong surface,
-    where equal depths count as wrong. It is the same for C (nearest wins) and C* (farthest
-    wins). Devices store the nearest step (None), or one within the number of steps of their
-    model: then steps up to that number count as one.
+    `w` (...) are distances of the surfaces from the camera along its axis, between the planes. At
+    this separation, the share `MAX_MISORDERED_FRACTION` of the pixels shows the wrong surface;
+    equal depths count as wrong. The separation is the same for C (nearest wins) and C* (farthest
+    wins). With `device` None, depth is rounded to the nearest step. A device model allows an error
+    of several steps, and the step of the format is multiplied by their number.
 
-    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the
-    hyperbolic mappings, w ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the
-    spacing of float32 at the stored value: near one the 24-bit step, and 2^-24 to 2^-23 of w
-    reversed.
+    For b bits, the step by itself corresponds to a separation (docs/method.md) of w^2 (f - n) / (f
+    n 2^b) with the hyperbolic mappings, w ln(f / n) / 2^b with the logarithmic one, and
+    (f - n) / 2^b with the linear one. The step of D32F is the spacing of float32 at the stored
+    value: near one it equals the 24-bit step; reversed, it is 2^-24 to 2^-23 of w.
     """
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
@@ -86,7 +85,7 @@ def smallest_separation(
 
 
 def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[Floats, Floats]:
-    """Return the stored value before rounding, and the absolute value of its derivative by w."""
+    """Return the stored value before rounding, and the absolute derivative with respect to w."""
     match mapping:
         case DepthMapping.LOGARITHMIC:
             octaves = np.log(f / n)
@@ -102,11 +101,12 @@ def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[
 
 
 def depth_variance(w: Floats, n: float, f: float, mapping: DepthMapping) -> Floats:
-    """Return the variance of a stored depth by float32 roundings."""
+    """Return the variance of a stored depth due to float32 rounding."""
     stored, slope = stored_depth(w, n, f, mapping)
     spacing = float32_spacing(w)
     position = (slope * spacing) ** 2
-    # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
+    # Clip depth is a sum of two terms. Its rounding is relative to the larger one: 1, or n / w for
+    # reversed depth.
     largest: Floats | float
     match mapping:
         case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
@@ -120,34 +120,34 @@ def depth_variance(w: Floats, n: float, f: float, mapping: DepthMapping) -> Floa
             assert_never(mapping)
     clip = CLIP_DEPTH_ROUNDINGS * (largest * spacing / w) ** 2
     if mapping is DepthMapping.GL:
-        # Depth from -1 to 1 is rounded, halved, and rounded once more when it is moved by a half.
+        # Depth from -1 to 1 is rounded and halved; adding 1/2 rounds it once more.
         divided = float32_spacing(2 * stored - 1) ** 2
         moved = (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2
         return np.asarray((position + (clip + divided) / 4 + moved) / 12)
     return np.asarray((position + clip + (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2) / 12)
 
 
-#: Mean of m_1^2 + m_2^2 + m_3^2 over a triangle, with m the weights of its corners: the part of the
-#: variance of a corner's depth that a pixel's has.
+#: Mean of m_1^2 + m_2^2 + m_3^2 over a triangle, with m the weights of its corners: the ratio of
+#: the variance of a pixel's depth to the variance of a corner's depth.
 CORNERS_SQUARED = 0.5
 
 
 def pair_variance(
     w: Floats, n: float, f: float, mapping: DepthMapping, device: DeviceModel
 ) -> Floats:
-    """Return the variance of the depth of each of two surfaces that a buffer may order either way.
+    """Return the depth variance of each of two surfaces with nearly equal depths.
 
-    `depth_variance` holds for any two surfaces, and this for the surfaces of a scene, on
-    average:
+    `depth_variance` holds for any two surfaces. This function holds on average, for the surfaces of
+    a scene:
 
-    * Errors that both have in common cancel: with n small, clip w = |z| + n is off by one amount
-      for all z of an octave.
-    * Corners are rounded independently, and a pixel's depth is a mean of three, `CORNERS_SQUARED`:
-      the product in clip depth, a sum where it has a constant, the reciprocal of w, and the product
-      with that.
-    * Only some devices round the plane's steps.
-    * Storing is the step of D32F, and of D24 from a half on; below, and for D16, it is finer than
-      that.
+    * Errors that both surfaces share cancel: with small n, the error of clip w = |z| + n is the
+      same for all z of an octave.
+    * Corners are rounded independently, and a pixel's depth is a weighted mean of three corners
+      (`CORNERS_SQUARED`). The roundings of a corner are the product in clip depth, the sum if clip
+      depth has a constant term, the reciprocal of w, and the product with it.
+    * Only some devices round the two steps of the plane equation.
+    * The float32 rounding of the stored value equals the step of D32F, and the step of D24 for
+      values of at least 1/2. For smaller values, and for D16, it is finer than the step.
     """
     stored, slope = stored_depth(w, n, f, mapping)
     own, relative = float32_spacing(stored) ** 2, (float32_spacing(w) / w) ** 2
@@ -173,49 +173,49 @@ def float32_spacing(values: Floats) -> Floats:
     return np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)
 
 
-#: default device of shares
+#: device model by default
 ANY = safe_model()
 
-#: Largest ratio of the share that the worst draw order gets wrong to the share expected when the
-#: order is unknown. Surfaces that are stored at the same depth are wrong half the time when the
-#: order is unknown, and always when it is the worst.
+#: Largest ratio of the wrong share with the worst draw order to the share expected for an unknown
+#: order. Surfaces stored at equal depth are wrong half the time in an unknown order, and always in
+#: the worst order.
 MAX_ORDER_FACTOR = 2.0
 
-#: Bins of w in each octave: rounding errors change by less than half a percent within a bin (1 /
-#: 256), and the jump between octaves falls between two bins.
+#: Bins of w in each octave. Within a bin, rounding errors change by less than half a percent
+#: (1 / 256); they jump between octaves, which is between two bins.
 BINS_PER_OCTAVE = 256
 
 #: Number of low mantissa bits of a float32 that vary within one bin.
 _BIN_SHIFT_BITS = 23 - (BINS_PER_OCTAVE.bit_length() - 1)
 
-#: Standard deviations of the depth error beyond which the order is taken as certain: the normal
-#: distribution leaves a share of 1e-9 there.
+#: Standard deviations of the depth error beyond which the order counts as certain: the tail of the
+#: normal distribution there is 1e-9.
 MAX_DOUBT_DEVIATIONS = 6.0
 
-#: Smallest step of a format that is used, as a part of the depth error. A smaller step has no
-#: effect compared with the error, and the difference quotient of `_misordered` would lose it in
-#: float64's rounding.
+#: Lower limit of the step of a format, as a fraction of the depth error. The effect of a smaller
+#: step is negligible, and the difference quotient of `_misordered` would lose it to float64
+#: rounding.
 MIN_STEP_PER_ERROR = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surfaces:
-    """N surfaces that one camera shows, and the next ones on their lines, scene units."""
+    """N surfaces that one camera shows, with distances to the next surfaces, scene units."""
 
     distance: Floats  #: (N,) |z|
     gap: Floats  #: (N,) distance to the next surface on the same line, see `Reference.gaps`
-    #: (N,) distance to the next surface that is drawn earlier; None if the order is unknown
+    #: (N,) distance to the next surface among those drawn earlier; None if the order is unknown
     earlier: Floats | None = None
 
     def at(self, places: Indices | Mask) -> Surfaces:
-        """Return some of the surfaces."""
+        """Return the surfaces at these indices."""
         earlier = None if self.earlier is None else self.earlier[places]
         return Surfaces(distance=self.distance[places], gap=self.gap[places], earlier=earlier)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthLayers:
-    """Surfaces that a true image shows in judged pixels, by their camera."""
+    """Surfaces in judged pixels of a true image, by camera."""
 
     judged: int  #: pixels whose truth is not a tie
     surfaces: Mapping[Camera, Surfaces]
@@ -225,7 +225,7 @@ class DepthLayers:
         cls, truth: HogelImage, gaps: Floats, earlier: Floats | None = None
     ) -> DepthLayers:
         """Return the layers of a true image and its gaps, (H, W), from `Reference.gaps`."""
-        # This import loads the reference and its tracers, which `check` must not need.
+        # This import loads the reference and its tracers, which the command `check` must not need.
         from xfrustum.compare.metrics.error_maps import judged_pixels  # noqa: PLC0415
 
         judged, height = judged_pixels(truth).ravel(), truth.height.astype(np.float64).ravel()
@@ -246,7 +246,7 @@ class DepthRange:
     """Depth range of one camera (docs/method.md, "Splitting"); lengths in scene units."""
 
     camera: Camera
-    low: float  #: |z| between which the camera draws
+    low: float  #: smallest and largest |z| that the camera draws
     high: float
     step: float  #: distance by which the camera has stepped back from the aperture
     near: float  #: distances of the planes from the camera
@@ -256,9 +256,9 @@ class DepthRange:
 def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[DepthRange]:
     """Yield every slab of the cameras that draw, from the plate outward.
 
-    The slab that touches the plate has its near plane at n, and its camera steps back by n if
-    `Offset` requires it. The cameras of the other slabs stand in the aperture; their near
-    planes are the lower cuts.
+    The near plane of the slab that touches the plate is at n, and its camera is offset by n if
+    `Offset` requires it. The cameras of the other slabs are in the aperture, and their near planes
+    are the lower cuts.
     """
     sides = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
     for camera, reach in sides.items():
@@ -282,28 +282,30 @@ def depth_wrong_shares(
     *,
     unlucky: bool = False,
 ) -> list[float]:
-    """Return the expected shares of judged pixels that are wrong only by depth, from 0 to 1.
+    """Return the expected shares, 0 to 1, of judged pixels that only the depth buffer makes wrong.
 
-    The settings differ only in their depth buffers. Such pixels are wrong with these buffers and
-    right with linear D32F depth. Equal depths are wrong where the other surface is drawn first, as
-    `Surfaces.earlier` has it; half of them are where that is not known; all of them with `unlucky`.
+    The settings differ only in their depth buffers. The counted pixels are wrong with such a buffer
+    and right with linear D32F depth. Surfaces stored at equal depths are wrong if the other surface
+    is drawn first (`Surfaces.earlier`). If the order is unknown, half of them count as wrong, and
+    all of them with `unlucky`.
 
     Let the two surfaces' depths differ by D in stored units, before rounding, and let this
     difference have a normal error of standard deviation e. A format with step q and a uniformly
-    distributed phase orders a difference x between -q and q wrongly with chance (1 - x / q) / 2:
-    the two are stored as equal with chance 1 - |x| / q, and are then wrong half the time. The mean
-    over the normal error is
+    distributed phase orders a difference x between -q and q wrongly with probability
+    (1 - x / q) / 2: the two depths are stored as equal with probability 1 - |x| / q, and are then
+    wrong half the time. The mean over the normal error is
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
-    Where the order is known it is twice the part from 0 to q, if the other surface is drawn
-    first, and twice the part from -q to 0 if it is drawn later. If there are two other
-    surfaces, one of either kind, the likelier counts. Where e is a small part of q, the phase
-    is known as well, and counts (`_misordered_steps`).
+    If the order is known, the probability is twice the part from 0 to q for another surface that is
+    drawn first, and twice the part from -q to 0 for one that is drawn later. With one other surface
+    of each kind, the larger probability counts. If e is small compared with q, the phase is known
+    as well and is used (`_misordered_steps`).
 
-    A surface is lost where its depth lies within half a step of the clear value; the error of this
-    one depth has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it.
-    Pixels that linear depth gets wrong too are subtracted, as if they were the same pixels.
+    A surface is lost if its depth lies within half a step of the clear value; the error of this
+    single depth has variance e^2 / 2. A surface at a cut is in two slabs, and is lost if both slabs
+    lose it. The expected number of pixels that linear depth gets wrong is subtracted, on the
+    assumption that they are the same pixels.
     """
     # Linear D32F depth represents a depth buffer without errors.
     control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
@@ -313,7 +315,8 @@ def depth_wrong_shares(
         own = [slab for slab in slabs(frustum, settings[0]) if slab.camera is camera]
         surfaces = replace(shown, earlier=None) if unlucky else shown
         wrong = chances(own, surfaces, settings, order, device)
-        # The chance under linear depth, which few pixels need, is subtracted.
+        # Subtract the probability under linear depth, computed only for the few pixels that may be
+        # wrong.
         at = np.flatnonzero(wrong.any(axis=0))
         anyway = chances(own, surfaces.at(at), [control], order, device)
         expected += np.maximum(wrong.take(at, axis=1) - anyway, 0.0).sum(axis=1)
@@ -327,9 +330,9 @@ def chances(
     order: float = 1.0,
     device: DeviceModel = ANY,
 ) -> Floats:
-    """Return the probability of each surface being wrong in its camera's slabs, (settings, N).
+    """Return the probability that each surface is wrong in its camera's slabs, (settings, N).
 
-    `order` is the ratio, from 1 to `MAX_ORDER_FACTOR`, of the misordered share to the share at an
+    `order` is the ratio, from 1 to `MAX_ORDER_FACTOR`, of the misordered share to the share with an
     unknown draw order.
     """
     distance = surfaces.distance
@@ -349,9 +352,9 @@ def _chance(
     order: float,
     device: DeviceModel,
 ) -> Floats:
-    """Return the chance of each surface of one slab to be shown wrongly, (settings, N)."""
-    # Lost: the depth, with the error of one surface, comes within half a step of the clear value.
-    # The buffer of C is cleared to its far value, the buffer of C* to its near value.
+    """Return the probability that each surface of one slab is wrong, (settings, N)."""
+    # Lost: the depth, with the error of one surface, is within half a step of the clear value. The
+    # buffer of C is cleared to its far value, the buffer of C* to its near value.
     nearest_wins = slab.camera is Camera.C
     w, clear = surfaces.distance + slab.step, slab.far if nearest_wins else slab.near
     kinds = [(surfaces.gap, _COIN)]
@@ -366,7 +369,7 @@ def _chance(
         places = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
         pairs.append((places, w[places], gap[places], other[places], ends))
 
-    # Most of the time goes into arrays that do not depend on the buffer.
+    # Arrays that do not depend on the buffer take most of the time, and are cached.
     @cache
     def apart(pair: int, mapping: DepthMapping) -> Floats:
         _, own, gap, other, _ = pairs[pair]
@@ -401,7 +404,7 @@ def _chance(
                 chance[sharp] = _misordered_steps(between, spread, ends)
             at = places[close]
             misordered[at] = np.maximum(misordered[at], np.minimum(chance, 1.0))
-        # Only a surface that is not lost can be misordered; the two chances are taken as
+        # Only a surface that is not lost can be misordered; the two events are taken as
         # independent.
         np.add(wrong, (1 - wrong) * misordered, out=wrong)
     return chances
@@ -427,9 +430,9 @@ def _difference(
             assert_never(mapping)
 
 
-#: Differences, in steps, between which the chance of a wrong order falls from one to zero: where it
-#: is not known which surface is drawn first, where the other one is drawn later, and where it is
-#: drawn earlier.
+#: Differences, in steps, between which the probability of a wrong order falls from one to zero: for
+#: an unknown draw order, for another surface that is drawn later, and for one that is drawn
+#: earlier.
 _COIN, _LATER, _EARLIER = (-1, 1), (-1, 0), (0, 1)
 
 
@@ -478,8 +481,8 @@ class _Table:
     doubtful: Floats  #: differences below which two depths may be ordered wrongly
 
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
-        """Return where depths this far apart at w may be ordered wrongly, and their rows."""
-        # Most differences exceed the largest difference that is in doubt at any w.
+        """Return the indices of depth pairs that may be misordered, and their rows of the table."""
+        # Most differences exceed the largest doubtful difference at any w.
         near = np.flatnonzero(apart < np.fmax.reduce(self.doubtful))
         row = np.clip(_bins(w[near]) - self.first, 0, len(self.step) - 1)
         doubted = apart[near] < self.doubtful[row]

@@ -62,14 +62,14 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
     """Return the true minus the drawn position of some points, (..., 2) columns and rows in pixels.
 
     NaN where there is no surface off the plate, and where no camera draws it: on the other side of
-    the plate when only one camera draws, and closer than n without an offset. From the places at
-    which both cameras draw a point (docs/method.md, "Shear") follows, without a difference of
-    nearly equal numbers, with u where it belongs, w = |z| + n, the shear k (0 for pivot
-    `aperture`), and 1 / zf = 0 for fit `angle`,
+    the plate if only one camera draws, and closer than n without an offset. The positions at which
+    the two cameras draw a point (docs/method.md, "Shear") give a formula without a difference of
+    nearly equal numbers. With the true film coordinate u, w = |z| + n, the shear k (0 for pivot
+    `aperture`), and 1 / zf = 0 for fit `angle`, it is
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 
-    This holds in the first slab. The cameras of the other slabs stand in the aperture and cause no
+    This holds in the first slab. The cameras of the other slabs are in the aperture and cause no
     displacement.
     """
     bent = _bent(points, frustum, settings)
@@ -95,7 +95,7 @@ def displacement_lengths(points: TruePoints, frustum: Frustum, settings: DoubleF
 
 
 def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
-    """Return n / w of some points, (...): 0 outside the first slab, NaN where no camera draws."""
+    """Return n / w of points, (...): 0 outside the first slab, NaN where no camera draws."""
     near = settings.near if settings.offset is Offset.PLATE else 0.0
     bent: Floats = points.depth + near
     np.divide(near, bent, out=bent)
@@ -107,13 +107,13 @@ def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floa
 
 
 def in_first_slab(height: NDArray[np.floating], frustum: Frustum, settings: DoubleFrustum) -> Mask:
-    """Return for each height whether the slab that touches the plate draws a surface there."""
+    """Return a mask of the heights at which the slab that touches the plate draws."""
     toward, behind = (settings.sections(reach)[0][1] for reach in frustum.reach)
     return np.asarray((height <= toward) & (height >= -behind))
 
 
 def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> Mask:
-    """Return for each height off the plate whether any camera draws a surface there."""
+    """Return a mask of the heights off the plate at which any camera draws."""
     drawn: Mask = np.isfinite(height)
     if settings.camera is not Camera.BOTH:
         drawn &= (height < 0) == (settings.camera is Camera.C)
@@ -156,10 +156,10 @@ def outside_shares(
 ) -> tuple[float, ...]:
     """Return the share of pixels from outside the film that each link of a chain adds.
 
-    Pixels are charged to the first link that shows points from outside to the end. A point on
-    the border of the film that is drawn further in by d pixels leaves the d pixels between to
-    points from beyond the border. A pixel counts from its center on: of d pixels, floor(d +
-    1/2) count. `points` are the points of all pixels (H, W).
+    A pixel is charged to the first link from which on all images of the chain show a point from
+    outside. If a point on the border of the film is drawn d pixels farther in, the strip of d
+    pixels shows points from beyond the border. A pixel counts if its center is in the strip:
+    floor(d + 1/2) pixels. `points` are the points of all pixels (H, W).
     """
     height, width = points.height.shape
     columns, rows = np.arange(width), np.arange(height) * width
@@ -168,7 +168,7 @@ def outside_shares(
     borders = [(points.at(pixels), axis, sign) for pixels, axis, sign in sides]
 
     def shown(settings: DoubleFrustum) -> list[Floats]:
-        """Return the width in pixels of the strip from beyond the border, for each side."""
+        """Return the width, in pixels, of the strip of outside points at each side."""
         moved = (
             sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders
         )
@@ -182,6 +182,6 @@ def outside_shares(
         left, right, top, bottom = to_the_end = [np.minimum(depth, other) for depth, other in pairs]
         across = np.minimum(left + right, width).sum() / (height * width)
         down = np.minimum(top + bottom, height).sum() / (height * width)
-        # Both occur together only in corners: take them as independent.
+        # The two kinds of strips overlap only in corners: take them as independent.
         together.append(1 - (1 - across) * (1 - down))
     return tuple(np.diff(together[::-1], prepend=0.0).tolist())

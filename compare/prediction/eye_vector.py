@@ -1,8 +1,8 @@
-"""The line on which a surface point is seen, truly and by its camera (docs/method.md, "Light").
+"""Lines on which a surface point is seen in truth and by its camera (docs/method.md, "Light").
 
-At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another
-surface point is met. At one *surface point* the two lines differ. With E = -d / |d| the unit eye
-vector of a line d, a bend D of the line (`bend`) turns E by
+At one *pixel* the drawn line is parallel to the true line (pivot aperture, fit angle), and meets
+another surface point. At one *surface point* the directions of the two lines differ. With
+E = -d / |d| the unit eye vector of a line d, a bend D of the line (`bend`) turns E by
 
     dE = - (D - (D.E) E) / |d|
 
@@ -11,7 +11,7 @@ order the specular term of a light from L then changes by
 
     dC = I specular exponent (R.L)^(exponent - 1) (dR.L)      where N.L > 0 and R.L > 0
 
-and a mirror shows what lies at R + dR. Diffuse and ambient light do not depend on the eye.
+and a mirror shows the environment at R + dR. Diffuse and ambient light do not depend on the eye.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ def drawn_lines(
     lines = np.full(position.shape, np.nan)
     for camera in model_cameras(frustum, aperture, settings):
         low, high = camera.heights
-        # Where two slabs meet, the one drawn later covers the other.
+        # At a cut between two slabs, the slab drawn later covers the other.
         here = (position[..., 2] >= low) & (position[..., 2] <= high)
         lines[here] = _through(position[here], camera.bundle.center)
     return lines
@@ -48,8 +48,8 @@ def drawn_lines(
 def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Floats:
     """Return the drawn minus the true direction d of each point, in closed form, (..., 3).
 
-    A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit
-    angle), and pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n).
+    A point with true film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit angle).
+    The line of film coordinate u has slope k + u t, so that the line bends by - u t n / (|z| + n).
     """
     position = np.asarray(position, dtype=np.float64)
     d = true_lines(position, camera.aperture)
@@ -76,7 +76,7 @@ def _through(position: NDArray[np.floating], center: tuple[float, float, float])
 
 
 def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
-    """Return E and dE, (N, 3), of true lines d of any length and their bend (drawn minus true)."""
+    """Return E and dE, (N, 3), of true lines d and their bend (drawn minus true)."""
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     eye = -line / length
     return eye, -(bend - _dot(bend, eye) * eye) / length
@@ -85,7 +85,7 @@ def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
 def specular_change(
     scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]
 ) -> Floats:
-    """Return how much brighter highlights are drawn than they are, (N, 3); `eye` is E and dE."""
+    """Return the excess radiance of drawn highlights, (N, 3); `eye` is E and dE."""
     mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
     material = scene.object_of_triangle[triangle]
     exponent = np.array([m.exponent for m in scene.materials])[material][:, None]
@@ -95,8 +95,8 @@ def specular_change(
         toward = np.asarray(light.direction)
         along = (mirrored @ toward)[:, None]
         lit = ((normal @ toward)[:, None] > 0) & (along > 0)
-        # With an exponent below one the slope is infinite at the end of the highlight: unlit points
-        # take 1.
+        # With an exponent below one the slope is infinite where R.L = 0, so unlit points use
+        # R.L = 1.
         slope = exponent * np.where(lit, along, 1.0) ** (exponent - 1)
         change += np.where(lit, slope * (turned @ toward)[:, None], 0.0) * specular * light.color
     return change
@@ -126,7 +126,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
-    """Return the first-order excess radiance of points, (N, 3), cameras stepped back by `near`."""
+    """Return the first-order excess radiance of points, (N, 3), for cameras offset by `near`."""
     where = image.off_plate
     triangle, position = image.triangle[where], image.position[where].astype(np.float64)
     lines = true_lines(position, image.camera.aperture)
@@ -138,7 +138,7 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
 
 
 def measured_eye_error(shader: Shader, drawn: HogelImage) -> Floats:
-    """Return the excess radiance of a device's points over the truth, (N, 3), with rounding."""
+    """Return the excess radiance of drawn points over their true radiance, (N, 3)."""
     assert drawn.color is not None
     where = drawn.off_plate
     position = drawn.position[where].astype(np.float64)

@@ -61,7 +61,7 @@ class Separations:
 class Prediction:
     """Expected errors of one choice of settings; shares refer to the judged pixels."""
 
-    #: None if no surface off the plate is drawn, and where it is not predicted
+    #: None if no surface off the plate is drawn, or if displacement has no prediction
     displacement_px: Spread | None
     silhouettes: float  #: wrong surface along silhouettes because of displacement
     snapped: float  #: wrong surface along silhouettes because edges snap to subpixels
@@ -73,7 +73,7 @@ class Prediction:
 
     @property
     def surface_fraction(self) -> float:
-        """Share of the judged pixels with a wrong surface, its five causes taken as independent."""
+        """Share of judged pixels with a wrong surface; the five causes are taken as independent."""
         parts = (self.silhouettes, self.snapped, self.depth, self.outside, self.culled)
         return 1 - math.prod(1 - part for part in parts)
 
@@ -84,8 +84,8 @@ class LinkPrediction:
 
     displacement_rms_px: float | None
     surface_pixels: float  #: judged pixels with a wrong surface that are charged to the link
-    #: standard deviations of the number of pixels along edges in rows, and in columns, which become
-    #: wrong together
+    #: standard deviations of the number of wrong pixels along edges in rows, and in columns; the
+    #: pixels of such an edge become wrong together
     flip_deviations: Pair = (0.0, 0.0)
     reasons: Reasons = NO_REASONS
 
@@ -114,7 +114,8 @@ class Predictor:
             (truth.normal[covered][:, :2] == 0).all(axis=1).sum() > covered.sum() / 2
         )
         self._median_depth = float(np.median(depth)) if depth.size else None
-        # Pixel width at each point, and float spacing of the largest visible coordinate.
+        # The median pixel width at visible points, and the float32 spacing of the largest
+        # coordinate.
         spacing = float32_spacing(np.abs(truth.position[covered]).max(initial=1.0))
         pixel = 2 * max(truth.camera.half_extent) / max(scene.frustum.resolution)
         self._rounding_px = float(spacing / (pixel * np.median(depth))) if depth.size else 0.0
@@ -137,7 +138,7 @@ class Predictor:
         return predictions
 
     def _without_depth(self, settings: DoubleFrustum) -> LinkedPrediction:
-        """Return the expected errors of exact depth, in total and for each link but depth."""
+        """Return the expected errors with exact depth, in total and for each link except depth."""
         frustum, judged = self._scene.frustum, max(self._layers.judged, 1)
         chain, bits = traced_settings(settings, frustum), self._device.subpixel_bits
         swept = self._silhouettes.charged_pixels(chain)
@@ -151,7 +152,8 @@ class Predictor:
         turned = 0
         if settings.cull is not Cull.NONE:
             turned = int((turned_away(self._truth) & judged_pixels(self._truth)).sum())
-            # Culling shows nothing or a surface behind, which has no displacement in the truth.
+            # A culled pixel shows no surface or a hidden one, whose displacement the truth does not
+            # contain.
             moved[-1] = None
             wrong[-1] = turned * (1 - min(sum(wrong) / judged, 1.0))
         spread, crosses = None, self._crosses(settings)
@@ -204,7 +206,7 @@ class Predictor:
     ) -> LinkedPrediction:
         """Return a prediction and its links with the reasons why they are not valid.
 
-        Traced links have no rounding: neither the size of triangles nor the steps of depth affect
+        Traced links have no rounding, so that large triangles and depth steps do not affect
         them.
         """
         thin, large = (is_thin, Reason.THIN), (self._large, Reason.LARGE)
@@ -251,8 +253,8 @@ class Predictor:
             if far > 0 and slab.low <= far <= slab.high:
                 planes, buffer = (slab.near, slab.far), (settings.depth, settings.mapping)
                 there = smallest_separation(np.array([far + slab.step]), *planes, *buffer)
-                # Both slabs draw a surface at their common cut; for one of them it is the nearest
-                # surface.
+                # Both slabs draw a surface at their common cut. The slab in which it is nearest
+                # resolves it better.
                 least = separations.get(slab.camera, math.inf)
                 separations[slab.camera] = min(least, float(there[0]))
         return Separations(c=separations.get(Camera.C), c_star=separations.get(Camera.C_STAR))

@@ -9,10 +9,8 @@ from enum import StrEnum
 class Reason(StrEnum):
     """Reason why a prediction is not valid."""
 
-    CROSSES = (
-        "crosses-plate"  #: surfaces cross the plate: points from outside the film show near it
-    )
-    STARVED = "starved-depth"  #: depth shows other surfaces than those that are displaced
+    CROSSES = "crosses-plate"  #: surfaces cross the plate, showing points from outside the film
+    STARVED = "starved-depth"  #: the depth buffer shows other surfaces than the displaced ones
     ROUNDED = "below-float32"  #: the displacement is smaller than the rounding of positions
     LARGE = "large-triangles"  #: float32 rounds the depth of triangles far larger than the plate
     PARALLEL = "parallel-to-plate"  #: the depth of all pixels of a surface is rounded equally
@@ -33,21 +31,21 @@ class Reasons:
 
 NO_REASONS = Reasons()  #: record of valid predictions
 
-#: Fewest predicted pixels for which the factor of 3 is required: a Poisson number of mean 10 is off
-#: by this factor in one of 100 cases, and pixels become wrong in pairs of neighbors.
+#: Smallest number of predicted pixels for which the factor of 3 is required: a Poisson number of
+#: mean 10 deviates by this factor in one of 100 cases, and pixels become wrong in pairs.
 MIN_PIXELS = 20
 
-#: Share of points from outside the film above which the factor of 3 for displacement is waived:
-#: five times the share above the 99th percentile. On the built-in scenes the least share with a
-#: larger error is 7 %.
+#: Share of points from outside the film above which the factor of 3 is not required of
+#: displacement: five times the 1 % above the 99th percentile. The smallest share with a larger
+#: error on the built-in scenes is 7 %.
 MAX_OUTSIDE = 0.05
 
-#: Share of the picture that may show triangles with sides above a multiple of the plate's diagonal.
+#: Largest share of the picture with large triangles, and their sides in plate diagonals.
 MAX_LARGE, LARGE_SIDE = 0.01, 8.0
 
 #: Largest share of contours beside surfaces that are a single pixel wide. A surface of width w < 1
-#: px is shown in a share w of the rows that it crosses, so that its contours are 1 / w times as
-#: long as those seen: with this share, surfaces of a twentieth of a pixel make a prediction three
+#: px appears in a share w of the rows that it crosses, so that its true contours are 1 / w times
+#: longer than the visible ones. With this share, surfaces 1/20 px wide make a prediction three
 #: times too small.
 MAX_THIN = 0.1
 
@@ -55,9 +53,9 @@ MAX_THIN = 0.1
 def chance(pixels: float, together: float = 0.0) -> Reason | None:
     """Return the reason for a number of wrong pixels dominated by chance, or None.
 
-    Pixels are as independent as a Poisson number, and have its variance, `pixels`. Pixels next
-    to an edge along a row or column are not: they add a variance, `together`. The factor of 3
-    holds for numbers with at most the relative variance of `MIN_PIXELS` independent pixels.
+    Independent pixels have the variance of a Poisson number, `pixels`. Pixels along an edge in a
+    row or column are not independent, and add the variance `together`. The factor of 3 is required
+    of numbers whose relative variance is at most the variance of `MIN_PIXELS` independent pixels.
     """
     if pixels > 0 and pixels**2 >= MIN_PIXELS * (pixels + together):
         return None

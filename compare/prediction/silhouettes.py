@@ -1,27 +1,24 @@
 """Closed form of surface errors that displacement and snapping cause along contours and creases.
 
-A contour, where one surface ends before another, is found step by step between neighboring pixels;
-its normal is averaged over the steps around it. Let x run in pixels across the contour, along its
-normal from the surface in front to the surface behind. The truth shows the front up to x = 0; the
-picture shows the front up to c = -d_front n; and from b = -d_back n on it shows the part of the
-back that the true frustum sees.
+A contour is the border at which one surface ends in front of another. It consists of steps between
+neighboring pixels, and its normal is averaged over nearby steps. Let x be the distance from the
+contour in pixels, along the normal from the front surface to the back surface. The truth shows the
+front up to x = 0. The picture shows the front up to c = -d_front n, with displacements d; and from
+b = -d_back n on it shows the part of the back that is visible in the true frustum.
 
- * Between 0 and c the picture shows another object, an extra surface, or no surface where there is
-   one.
- * Between c and b, where c < b, the picture shows a part that the front occludes from the true
-   frustum.
+ * Between 0 and c the picture shows another object, an extra surface, or no surface in place of a
+   surface.
+ * Between c and b, if c < b, the picture shows a part that the front hides in the true frustum.
 
-Inside one object only the second interval is wrong. Where a surface is cut into slabs with cameras
-of their own nothing is hidden, but between c and b, where c < b, there is a gap. These statements
-are of first order: exact while displacement is small against the distance and the length of
-contours.
+Inside one object only the second interval is wrong. At a seam between two slabs of one surface
+nothing is hidden, but the interval from c to b, if c < b, is a gap. These statements hold to first
+order, for displacements that are small compared with the distance and the length of contours.
 
-A crease is a side that two triangles share and that a line of the frustum sees from the front, with
-one triangle on either side of it. A rasterizer snaps its ends, so that it shows one triangle beyond
-the crease, where it evaluates the point on the plane of that triangle. At a convex crease this
-plane passes in front of the other triangle, and the point is seen. At a concave one it passes
-behind: the point is hidden, and the surface wrong, from the offset on at which the plane is farther
-behind than the tolerance of drawn points.
+A crease is an edge shared by two visible triangles that lie on either side of it on the film. A
+rasterizer snaps the ends of the edge, and therefore draws one triangle a little beyond the crease,
+with points on the plane of this triangle. At a convex crease this plane is in front of the other
+triangle, and the drawn point is visible. At a concave crease it is behind, and the drawn point is
+hidden. The surface is wrong if the plane is farther behind than the tolerance of drawn points.
 """
 
 import math
@@ -50,39 +47,39 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Frustum
 
-Pair = tuple[float, float]  #: of edges along rows, and along columns
+Pair = tuple[float, float]  #: values for edges along rows, and for edges along columns
 
-#: Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A
-#: line that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a period lies
-#: within two sigma on either side, and the normal is exact. On stairs that lean less the normal is
-#: too near to an axis, but by at most 1/5 of a radian, and on average along the line by nothing. A
-#: wider filter would round corners off, and mix contours that are as near to each other.
+#: Standard deviation of the filter that turns a staircase of pixels into a contour with a normal.
+#: The staircase of a line with a slope of 1/m repeats every m pixels. Up to m = 4 a period lies
+#: within two sigma on either side, and the normal is exact. For smaller slopes the normal deviates
+#: toward an axis by at most 1/5 of a radian, and the mean error along the line is zero. A wider
+#: filter would round off corners and mix close contours.
 CONTOUR_SIGMA_PX = 1.5
 
-#: Distance, in spacings of neighboring lines, by which neighboring points must lie off each other's
-#: tangent planes to count as an occlusion. Two points of one surface lie at most one spacing off,
-#: with one crease between them, measured from the face that the line meets less steeply; two
-#: spacings on a surface that bends twice. An occlusion that is closer is not found. This makes no
-#: difference: both surfaces are displaced alike, but for 4 t / W of their displacement.
+#: Smallest distance, in spacings of neighboring lines, of two neighboring points from each other's
+#: tangent planes that counts as an occlusion. With one crease between them, two points of a surface
+#: are at most one spacing off the plane of the face that its line meets less steeply; on a surface
+#: that bends twice, two spacings. A closer occlusion is missed, with negligible effect: the
+#: displacements of the two surfaces differ by at most 4 t / W of their size.
 MIN_OCCLUSION_SPACINGS = 2
 
 
 class Kind(IntEnum):
-    """The relation between the two sides of a contour."""
+    """Relation between the two sides of a contour."""
 
-    OBJECTS = 0  #: the sides are different objects, or one shows no surface
-    OCCLUSION = 1  #: one part of an object stands before another part
+    OBJECTS = 0  #: the sides are different objects, or one side has no surface
+    OCCLUSION = 1  #: one part of an object is in front of another part
     SEAM = 2  #: one surface continues, but another camera draws it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contours:
-    """Contours of an image, as N steps between neighbors that add up to the contours' length."""
+    """Contours of an image, as N steps between neighboring pixels."""
 
     front: Indices  #: (N,) pixels of the flattened image: the surface nearer to the viewer
-    back: Indices  #: (N,) and what lies behind it
+    back: Indices  #: (N,) pixels of the surface behind it
     normal: Floats  #: (N, 2) unit vectors from front to back, columns to the right and rows down
-    length: Floats  #: (N,) length of the contour that the step stands for, px
+    length: Floats  #: (N,) length of the part of the contour that the step represents, px
     kind: NDArray[np.int8]  #: (N,) `Kind`
     resolution: tuple[int, int]  #: W, H in pixels
 
@@ -93,16 +90,16 @@ class Contours:
         return np.stack((columns.mean(axis=0), rows.mean(axis=0)), axis=-1)
 
 
-_NO_CONTOUR = -1  #: kind of a pair of neighbors that no contour runs between
+_NO_CONTOUR = -1  #: kind of a pair of neighbors without a contour between them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Steps:
     """N steps along one axis.
 
-    `oriented` is +1 where the normal points on along the axis, by a rule that stays the same all
-    along a contour: where two objects meet, their heights are equal, and rounding decides which is
-    in front.
+    `oriented` is +1 if the normal points in the direction of the axis. The rule does not depend on
+    heights between two objects: where objects meet, their heights are equal, and rounding would
+    reverse the normal along a contour.
     """
 
     before: Indices  #: pixels of the flattened image
@@ -114,7 +111,7 @@ class _Steps:
 def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     """Find the contours of a true image from its objects, positions and normals.
 
-    `slab` (H, W) has the pixels whose surface is drawn by other cameras than the other pixels'; the
+    `slab` (H, W) marks the pixels whose surface is drawn by the cameras of the first slab. The
     border of this region on a surface is a seam.
     """
     shape = truth.triangle.shape
@@ -127,8 +124,8 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
         normal = gradients[axis]
         length = np.hypot(normal[:, 0], normal[:, 1])
         normal /= np.where(length > 0, length, 1.0)[:, None]
-        # On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where their
-        # sum points against a step, the normal of the step is along its axis instead.
+        # The steps on the two sides of a surface thinner than `CONTOUR_SIGMA_PX` cancel. If their
+        # sum is opposite to a step, the step's normal is the direction of the axis instead.
         against = normal[:, axis] * step.oriented <= 0
         normal[against] = 0.0
         normal[against, axis] = step.oriented[against]
@@ -151,12 +148,12 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
 
 
 def _neighbors(image: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the first and the second of all neighbors along an axis of an image (H, W)."""
+    """Return the first and second pixels of all pairs of neighbors along an axis of an image."""
     return (image[:, :-1], image[:, 1:]) if axis else (image[:-1], image[1:])
 
 
 def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
-    """Return the pairs of neighbors along an axis of an image (H, W) with a contour between."""
+    """Return the pairs of neighbors along an axis of an image with a contour between them."""
     before, after = _neighbors(truth.object, axis)
     kind = np.where(before != after, np.int8(Kind.OBJECTS), np.int8(_NO_CONTOUR))
     occludes = _occludes(truth, axis)
@@ -181,7 +178,7 @@ def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
 
 
 def _occludes(truth: HogelImage, axis: int) -> Mask:
-    """Return the pairs of neighbors whose points lie in neither tangent plane of the other."""
+    """Return a mask of the neighbors neither of whose points lies in the other's tangent plane."""
     near, far = _neighbors(truth.height, axis)
     if truth.normal is None:
         return np.zeros(near.shape, dtype=np.bool_)
@@ -198,7 +195,7 @@ def _occludes(truth: HogelImage, axis: int) -> Mask:
 
 
 def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Return the smoothed steps of each step's kind around it along either axis, (N, 2)."""
+    """Return the smoothed gradient of each step's kind at the step, along both axes, (N, 2)."""
     size = int(np.prod(shape))
     across, down = (np.zeros((len(step.kind), 2)) for step in steps)
     for kind in Kind:
@@ -206,7 +203,7 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
             weight = step.oriented * (step.kind == kind)
             if not weight.any():
                 continue
-            # Each of a step's two pixels takes half of it.
+            # Each of the two pixels of a step gets half of its weight.
             both = np.concatenate((step.before, step.after))
             halves = np.bincount(both, np.tile(weight, 2), size).reshape(shape)
             smooth = gaussian_filter(halves, CONTOUR_SIGMA_PX, mode="constant").reshape(-1)
@@ -225,18 +222,18 @@ class Silhouettes:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
         self._points = points or TruePoints.from_image(truth)
-        # Pixels whose lines end at the aperture itself, on a surface that runs through the plate
-        # and occludes everything behind it. The truth shows a single point of the surface in all
-        # these pixels; the cameras draw other points of it, closer than n. A surface that lies in
-        # the plate differs: both cameras draw it in place, and show the wrong surface only through
-        # apertures that are closer to its border than n t.
+        # Pixels whose lines end at the aperture itself, on a surface that crosses the plate and
+        # hides everything behind it. In the truth all these pixels show a single point of the
+        # surface; the cameras draw other points of it, closer than n. A surface in the plate is an
+        # exception: both cameras draw it in its place, and show a wrong surface only for apertures
+        # closer to its border than n t.
         self._in_aperture: Mask = truth.covered & (truth.height == 0)
         if truth.normal is not None and self._in_aperture.any():
             self._in_aperture &= (truth.normal[..., :2] != 0).any(axis=-1)
         self._contours: dict[tuple[float, ...], tuple[Contours, TruePoints, TruePoints]] = {}
 
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
-        """Return the expected wrong pixels that each link makes wrong to the end of a chain."""
+        """Return the expected number of wrong pixels charged to each link of a chain."""
         missing = self._in_aperture
         if chain[-1].camera is not Camera.BOTH or chain[-1].offset is not Offset.PLATE:
             height = self._points.height
@@ -246,8 +243,7 @@ class Silhouettes:
             settings: expected_wrong(_swept(steps, low, high), missing, self._judged)
             for settings, low, high in self._spans(chain)
         }
-        # A link is charged with pixels that are wrong from it on to the end of the chain, and right
-        # before it.
+        # A pixel is charged to the first link from which on it is wrong in all images of the chain.
         return tuple(np.diff([wrong[settings] for settings in chain], prepend=0.0).tolist())
 
     def _spans(
@@ -259,7 +255,8 @@ class Silhouettes:
         low, high = np.full(len(steps.kind), -np.inf), np.full(len(steps.kind), np.inf)
         for settings in dict.fromkeys(reversed(chain)):
             c, b = self._ends(settings, sides)
-            # Between objects, 0 to c is wrong too. Elsewhere only c to b is, and only where c < b.
+            # Between objects, the interval from 0 to c is wrong too. Elsewhere only c to b is
+            # wrong, if c < b.
             low = np.maximum(low, np.where(between, np.minimum(c, 0), c))
             high = np.minimum(high, np.maximum(np.where(between, np.maximum(b, 0), b), c))
             yield settings, low, high
@@ -267,10 +264,10 @@ class Silhouettes:
     def flip_deviations(self, chain: Sequence[DoubleFrustum], subpixel_bits: int) -> list[Pair]:
         """Return standard deviations of the wrong pixels along rows, and along columns.
 
-        There is one pair for each link of a chain, and one for rasterization. A picture is
-        wrong over a distance of whole pixels, which are whole rows of wrong pixels, and a
-        rest f, a row with a chance of f: l steps of one edge have a variance of l^2 f (1 -
-        f), less l f (1 - f), the variance of independent pixels.
+        There is one pair for each link of a chain, and one for rasterization. Along a straight edge
+        of l steps, a wrong span consists of whole pixels, which are certainly wrong, and a fraction
+        f of a pixel: one more row of l pixels is wrong with probability f. Its variance is l^2 f
+        (1 - f), of which l f (1 - f), the variance of independent pixels, is subtracted.
         """
         steps = self._contours_for(chain[-1])[0]
         length = _lone_runs(self._truth.object.reshape(-1), steps)
@@ -278,12 +275,12 @@ class Silhouettes:
 
         def variances(span: Floats) -> Floats:
             rest = np.mod(np.maximum(span, 0.0), 1.0)
-            # Each of l steps stands for one in l of the edge.
+            # Each of the l steps contributes 1 / l of the variance of the edge.
             own = (length - 1) * rest * (1 - rest)
             return np.array([own[row].sum(), own[~row].sum()])
 
         of_link = {link: variances(high - low) for link, low, high in self._spans(chain)}
-        # A link's pixels are the difference of two such numbers.
+        # The pixels charged to a link are the difference of two such numbers.
         later = [
             np.zeros(2) if two == link else of_link[link] + of_link[two]
             for link, two in pairwise(chain)
@@ -294,10 +291,10 @@ class Silhouettes:
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
         """Return the expected number of judged pixels that only snapping makes wrong.
 
-        With c and b as above, the front ends at c + d where its edge snaps; d has either sign
-        equally often. Pixels that were wrong before do not count. Between objects a front that
-        grows makes wrong pixels beyond c, 0, and b, and one that recedes before c and 0. Elsewhere
-        only one that recedes does, before c and b.
+        With c and b as above, the front ends at c + d after its edge snaps; both signs of d are
+        equally likely. Pixels that are already wrong do not count. Between objects, a growing front
+        (d > 0) makes the pixels beyond c, 0, and b wrong, and a receding front the pixels before c
+        and 0. Elsewhere only a receding front makes pixels wrong, before c and b.
         """
         steps, judged = self._contours_for(settings)[0], self._judged.ravel()
         counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
@@ -317,7 +314,8 @@ class Silhouettes:
     ) -> tuple[Floats, Floats]:
         """Return the end of each step's front in the picture, and the begin of its back, px.
 
-        Both sides of a step are displaced at the contour, half a pixel from either center.
+        The displacements of both sides are evaluated at the contour, half a pixel from either
+        center.
         """
         steps, *sides = contours
         moved = (displacements(side, self._frustum, settings) for side in sides)
@@ -325,7 +323,7 @@ class Silhouettes:
         return front, back
 
     def thin_share(self, settings: DoubleFrustum) -> float:
-        """Return the share of the contours' length beside surfaces that are a single pixel wide."""
+        """Return the share of contour length that is beside surfaces a single pixel wide."""
         steps = self._contours_for(settings)[0]
         step, front = steps.back - steps.front, steps.front * (4 * steps.resolution[0])
         # The front of a thin surface ends on both sides along an axis.
@@ -333,7 +331,7 @@ class Silhouettes:
         return float(steps.length[thin].sum() / max(steps.length.sum(), 1.0))
 
     def _contours_for(self, settings: DoubleFrustum) -> tuple[Contours, TruePoints, TruePoints]:
-        """Return contours, and the points before and behind each step, at the contour."""
+        """Return contours, and the front and back points of each step, moved to the contour."""
         first = settings.slabs[:1]
         if first not in self._contours:
             slab = in_first_slab(self._points.height, self._frustum, settings) if first else None
@@ -346,11 +344,11 @@ class Silhouettes:
 
 
 def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
-    """Return the length of each step's (N,) straight run, px; 1 for steps of stairs.
+    """Return the length (N,), in px, of the straight run of each step; 1 for steps of a staircase.
 
-    A run is a row of steps between the same two columns or rows of pixels, and the same two
-    `objects`, an array of all pixels. Where it goes on one column or row further, it is part of
-    a line that leans, or of a curve: distances from such a line to pixel centers are evenly
+    A run is a sequence of steps between the same two columns or rows of pixels, and between the
+    same two `objects` (of all pixels). If the contour continues in the next column or row, the run
+    is part of a slanted line or a curve, whose distances from pixel centers are uniformly
     distributed.
     """
     width, height = steps.resolution
@@ -358,8 +356,7 @@ def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
     row, column = np.divmod(np.minimum(steps.front, steps.back), width)
     down = np.abs(step) != 1
     line, along = np.where(down, (row, column), (column, row))
-    # Runs that may follow one another have one key, and places along both axes have room for one
-    # more.
+    # Keys of consecutive steps of a run differ by 1. Both coordinates have a margin of one.
     sides = np.stack((down, np.sign(step), objects[steps.front], objects[steps.back]), axis=1)
     kind = np.unique(sides, axis=0, return_inverse=True)[1].reshape(-1)
     size = max(width, height) + 2
@@ -378,13 +375,13 @@ def _lone_runs(objects: Numbers, steps: Contours) -> Floats:
 
 
 def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
-    """Return the expected number of wrong pixels, of maps (H, W).
+    """Return the expected number of wrong pixels, from maps (H, W).
 
-    `swept` is the share of each pixel that spans sweep over, areas swept twice counted twice.
-    Pixels that are `missing` are wrong whatever sweeps over them; those that are `judged` count.
+    `swept` is the share of each pixel that wrong spans cover; overlaps count twice. `missing`
+    pixels are always wrong. Only `judged` pixels count.
     """
     if swept.max(initial=0.0) <= 1 and not missing.any() and judged.all():
-        # No area is swept twice, and smoothing preserves the sum.
+        # No area is covered twice, and smoothing preserves the sum.
         return float(swept.sum())
     wrong = np.minimum(gaussian_filter(swept, CONTOUR_SIGMA_PX), 1)
     wrong[missing] = 1.0
@@ -392,14 +389,14 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
 
 
 def _swept(steps: Contours, low: Floats, high: Floats) -> Floats:
-    """Return the share of each pixel that spans sweep over, (H, W), with multiplicity."""
+    """Return the share of each pixel that spans cover, (H, W); overlaps count twice."""
     width, height = steps.resolution
     # Neighboring spans overlap and leave gaps, which smoothing over `CONTOUR_SIGMA_PX` evens out.
     # Spans are clipped to the film's diagonal, beyond which nothing is counted.
     farthest = float(np.hypot(width, height))
     low, high = (np.clip(side, -farthest, farthest) for side in (low, high))
-    # They are cut into pieces no longer than a pixel; `step` is a piece's span, `number` its place
-    # there.
+    # Spans are cut into pieces no longer than a pixel; `step` is the span of a piece, `number` its
+    # position in the span.
     count = np.ceil(np.maximum(high - low, 0)).astype(np.int64)
     step = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
@@ -420,17 +417,17 @@ def _swept(steps: Contours, low: Floats, high: Floats) -> Floats:
 # -------------------------------------------------------------------------------------------------
 
 
-_SAMPLES = 1 << 16  #: random edges whose mean is the mean shift: its standard error is 0.3 %
+_SAMPLES = 1 << 16  #: number of random edges in the mean shift, for a standard error of 0.3 %
 _OFFSETS = np.linspace(0, np.sqrt(2), 64)  #: offsets between which the mean shift is interpolated
 
 
 @cache
 def _mean_excess() -> Floats:
-    """Return the mean of max(0, |d| - x) at each of `_OFFSETS`, all as parts of half a subpixel.
+    """Return the mean of max(0, |d| - x) at each x of `_OFFSETS`, in halves of a subpixel.
 
-    d is the distance by which a point of an edge moves along the normal of the edge where both ends
-    snap to the nearest subpixel in each axis: (1 - t) e . n + t e' . n, for points t, normals n,
-    and errors e and e' of either end, all of them uniform.
+    d is the displacement of a point of an edge along the edge's normal if both ends snap to the
+    nearest subpixel: d = (1 - t) e . n + t e' . n, for points t, normals n, and errors e and e' of
+    the two ends, all uniformly distributed.
     """
     random = np.random.default_rng(0)
     along, angle = random.uniform(0, 1, _SAMPLES), random.uniform(0, np.pi / 2, _SAMPLES)
@@ -441,7 +438,7 @@ def _mean_excess() -> Floats:
 
 
 def mean_shift(subpixel_bits: int, beyond: Floats) -> Floats:
-    """Return the mean length by which snapping moves an edge beyond offsets (...), pixels."""
+    """Return the mean distance by which snapping moves an edge beyond offsets (...), pixels."""
     half = 2.0 ** -(subpixel_bits + 1)
     return np.asarray(half * np.interp(beyond / half, _OFFSETS, _mean_excess()))
 
@@ -449,10 +446,10 @@ def mean_shift(subpixel_bits: int, beyond: Floats) -> Floats:
 def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
     """Return the expected number of judged pixels with hidden points beyond snapped creases.
 
-    Visible creases are as long as the creases of a visible triangle, times the share of its area
-    that is visible: the pixels that show it over its area on the film. A pixel may show a triangle
-    that is far smaller; on the average over the pixel grid the sum is right whatever the
-    tessellation.
+    The visible length of a triangle's creases is estimated as their length times the visible share
+    of its area: the number of pixels that show it over its area on the film. The share exceeds 1 if
+    a pixel shows a far smaller triangle, but the sum is right on average over the pixel grid, for
+    any tessellation.
     """
     shown = truth.triangle[judged_pixels(truth) & truth.covered]
     number, pixels = np.unique(shown, return_counts=True)
@@ -461,7 +458,8 @@ def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
     own, side = np.nonzero(scene.twins[number] >= 0)
     length, area, offsets = _measured(truth, scene, number[own], side)
     shift = mean_shift(subpixel_bits, offsets).mean(axis=0)
-    # Each triangle answers for half of its creases. The area beyond them is at most its own.
+    # Each triangle counts for half of its creases. The area beyond a crease is at most the area of
+    # the triangle.
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(length > 0, np.minimum(length * shift / 2 / area, 1.0), 0.0)
     return float(np.sum(pixels[own] * share))
@@ -472,8 +470,8 @@ def _measured(
 ) -> tuple[Floats, Floats, Floats]:
     """Measure sides (N,) of triangles on the true film: lengths, areas, and offsets (2, N).
 
-    Lengths are zero where no concave crease is seen. From the offsets on, either of the two planes
-    is farther behind the other triangle than the tolerance of its points.
+    Lengths are zero without a visible concave crease. Beyond its offset, each of the two planes is
+    farther behind the other triangle than the tolerance of drawn points.
     """
     lines = true_lines(truth.camera)
     other, other_side = np.divmod(scene.twins[number, side], 3)
@@ -499,8 +497,8 @@ def _measured(
         turned = np.zeros_like(direction)
         turned[:, :2] = normal / per_unit
         planes = [scene.normals[index] for index in (number, other)]
-        # Normals toward the viewer, and how fast a point on one plane leaves the other one, per
-        # pixel.
+        # Normals toward the viewer, and the distance per pixel at which one plane diverges from the
+        # other.
         onto = [np.einsum("ij,ij->i", plane, direction) for plane in planes]
         across = [np.einsum("ij,ij->i", plane, turned) for plane in planes]
         rates = [np.abs(s * (across[1 - k] - onto[1 - k] * across[k] / onto[k])) for k in range(2)]

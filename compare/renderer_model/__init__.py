@@ -1,4 +1,4 @@
-"""Model of a foreign renderer: conventions, geometry, and the images that it draws.
+"""Model of a foreign renderer: conventions, geometry, and the images of this model.
 
 | module | holds |
 | --- | --- |

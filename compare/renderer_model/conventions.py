@@ -13,14 +13,14 @@ if TYPE_CHECKING:  # the command line reads names from here before anything else
 Place = TypeVar("Place", int, "NDArray[Any]")  #: columns, or rows, of one cell or of many
 
 CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
-"""Conventions that a renderer's author may declare, so that images are judged by them."""
+"""Conventions that a renderer's author may declare; images are then judged by them."""
 
 ENCODING = "encoding"
-"""Name under which `accept` takes all defects of encoding; lost numbers cannot be accepted."""
+"""Name that `accept` uses for all encoding defects; lost numbers cannot be accepted."""
 
 ACCEPTABLE = (*CONVENTIONS, ENCODING)
 
-# Codes of pictures and of the order of apertures, by transpose, flip_x, flip_y.
+# Labels of pictures and of aperture orders, by (transpose, flip_x, flip_y).
 _LABELS = {
     (False, False, False): ("upright", "as in the scene"),
     (False, True, False): ("mirrored left to right", "columns counted from the right"),
@@ -47,10 +47,10 @@ _LABELS = {
 
 @dataclass(frozen=True, order=True)
 class Orientation:
-    """Right place of a stored cell (column, row): exchange the two, then reverse either.
+    """Correct position of a stored cell: exchange column and row, then reverse either.
 
-    With `flip_x` columns are counted from the right, with `flip_y` rows from the bottom, after the
-    exchange.
+    After the exchange, `flip_x` counts columns from the right, and `flip_y` rows from the
+    bottom.
     """
 
     transpose: bool = False
@@ -59,16 +59,16 @@ class Orientation:
 
     @property
     def changes(self) -> int:
-        """Number of decisions that differ from upright."""
+        """Number of operations that differ from upright."""
         return self.transpose + self.flip_x + self.flip_y
 
     @property
     def labels(self) -> tuple[str, str]:
-        """Codes of the orientation of stored pictures, and of the order of apertures."""
+        """Labels of the orientation of stored pictures, and of the order of apertures."""
         return _LABELS[self.transpose, self.flip_x, self.flip_y]
 
     def cells(self, column: Place, row: Place, size: tuple[int, int]) -> tuple[Place, Place]:
-        """Return where cells belong, on a grid of some columns and rows."""
+        """Return the correct columns and rows of cells, on a grid of `size` columns and rows."""
         if self.transpose:
             column, row = row, column
         return size[0] - 1 - column if self.flip_x else column, size[
@@ -76,15 +76,15 @@ class Orientation:
         ] - 1 - row if self.flip_y else row
 
     def index(self, index: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
-        """Return where one cell belongs."""
+        """Return the correct column and row of one cell."""
         return self.cells(*index, size)
 
     def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
-        """Return a picture (H, W, ..) as it belongs."""
+        """Return a stored picture (H, W, ..) in upright orientation."""
         return self._flipped(picture.swapaxes(0, 1) if self.transpose else picture)
 
     def applied(self, picture: NDArray[Any]) -> NDArray[Any]:
-        """Return an upright picture (H, W, ..) as it was found: the inverse of `upright`."""
+        """Return an upright picture (H, W, ..) in stored orientation: the inverse of `upright`."""
         picture = self._flipped(picture)
         return picture.swapaxes(0, 1) if self.transpose else picture
 
@@ -96,7 +96,7 @@ UPRIGHT = Orientation()
 
 
 def orientations(size: tuple[int, int]) -> Iterator[Orientation]:
-    """Yield those symmetries that keep a grid of this many columns and rows, the plainest first."""
+    """Yield the symmetries of a grid of `size` columns and rows, beginning with upright."""
     for transpose, flip_y, flip_x in itertools.product((False, True), repeat=3):
         if not transpose or size[0] == size[1]:
             yield Orientation(transpose, flip_x, flip_y)

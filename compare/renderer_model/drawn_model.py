@@ -1,9 +1,8 @@
 """Model of a foreign renderer: conventions, geometry, and composition of its cameras.
 
-Every quantity has the value at which nothing is wrong as its default. Its numbers come in groups
-that tend to be wrong together. A new group needs a row in `GROUPS`, a field of the same name in
-`RendererModel`, its effect on the lines in `RendererModel.bundle`, and its sentence in
-`reports.verification.words`.
+The default of every quantity is its correct value. Numbers that tend to be wrong together form a
+group. A new group needs a row in `GROUPS`, a field of the same name in `RendererModel`, its effect
+on the lines in `RendererModel.bundle`, and its sentence in `reports.verification.words`.
 """
 
 from __future__ import annotations
@@ -23,17 +22,17 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 
-# Half of the tenth of a pixel to which a sampling point is measured, and half of a tenth of a
-# percent: smaller shifts and factors have no name.
+# Half of the resolution at which sampling points (0.1 px) and factors (0.1 %) are reported: smaller
+# deviations are not reported as defects.
 SMALLEST_SHIFT_PX, SMALLEST_FACTOR = 0.05, 5e-4
 
-# Distance, as a part of the reach, at which moved apertures and scenes must be seen to move, to
-# have a name.
+# Distance, as a fraction of the reach, at which offsets of apertures and scenes are converted to
+# pixels, to decide if they are large enough to be reported.
 TOLD_APART_PER_REACH = 0.1
 
 
 class Kind(Enum):
-    """Kind of a number, which decides its unit and how finely it is searched for."""
+    """Kind of a parameter, which sets its unit and the step sizes of the search."""
 
     PIXELS = auto()  # a length on the film
     FACTOR = auto()  # a ratio about one
@@ -46,10 +45,10 @@ class Kind(Enum):
 Index = tuple[int, int]
 RIGHT_AXES = "x, y, z"
 COMPOSITION_FIELDS = ("front", "back", "overlaid", "culled", "conjugated", "normals")
-"""Fields of `RendererModel` of the composition and lighting of the halves."""
+"""Fields of `RendererModel` for the composition and lighting of the halves."""
 
 OTHER_FIELDS = ("axes", "missing", "shows")
-"""Fields of `RendererModel` of the scene and of single hogels."""
+"""Fields of `RendererModel` for the scene and for single hogels."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -64,8 +63,8 @@ GROUPS: dict[str, tuple[str, Kind]] = {
 }
 """Axes and kind of each group of numbers, in the order of `RendererModel.parameters`."""
 
-SCREEN_GROUPS = ("screen-center", "screen-height")  #: groups of recentered frusta alone
-CAMERA_GROUPS = ("shift", "fov", "near")  #: groups that one camera may have off nominal alone
+SCREEN_GROUPS = ("screen-center", "screen-height")  #: groups that exist only in recentered frusta
+CAMERA_GROUPS = ("shift", "fov", "near")  #: groups that may be wrong in one camera only
 NUMBERS = tuple(
     (name, axis, kind) for name, (axes, kind) in GROUPS.items() for axis in axes or ("",)
 )
@@ -76,7 +75,7 @@ PREFERENCE = (
     *("shift", "screen-center", "fov", "screen-height", "near"),
     *("scene-offset", "aperture-offset", "pitch", "scene-scale"),
 )
-"""Order in which groups are named that explain images equally well."""
+"""Order of preference among groups that explain images equally well."""
 
 
 def field_of(group: str) -> str:
@@ -85,12 +84,12 @@ def field_of(group: str) -> str:
 
 
 def places(*groups: str) -> list[int]:
-    """Return the places of the numbers of some groups in `RendererModel.parameters`."""
+    """Return the indices of the numbers of some groups in `RendererModel.parameters`."""
     return [place for group in groups for place, (name, *_) in enumerate(NUMBERS) if name == group]
 
 
 def screen_lengths(scene: Scene) -> Floats:
-    """Return the move of the film on the screen by a pixel to the right and down, (2,).
+    """Return the shift of the film on the screen for one pixel to the right and down, (2,).
 
     On a screen in front of the plate the film is mirrored in both axes.
     """
@@ -102,17 +101,17 @@ def screen_lengths(scene: Scene) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """For each number (P,): how finely it is searched for, and between which ends."""
+    """Step sizes and limits of the search for each parameter, (P,) each."""
 
-    smallest: Floats  # difference from nominal that is worth a name
+    smallest: Floats  # smallest deviation from nominal that is reported
     scale: Floats  # a small step for the least squares
-    step: Floats  # for derivatives, small against named differences
+    step: Floats  # for derivatives, small compared with reported deviations
     low: Floats
     high: Floats
 
 
 def table(scene: Scene, values: Floats) -> Table:
-    """Return the table of a scene's numbers at some values (P,)."""
+    """Return the search table of a scene's parameters near values (P,)."""
     frustum, reach, inf = scene.frustum, scene.frustum.longest_reach, np.inf
     if frustum.screen is None:
         assert frustum.fov is not None
@@ -138,12 +137,12 @@ def table(scene: Scene, values: Floats) -> Table:
 
 
 def smallest_named(scene: Scene) -> Floats:
-    """Return by how much each number (P,) must be off nominal to be worth a name."""
+    """Return the smallest reported deviation of each parameter from its nominal value, (P,)."""
     return table(scene, np.ones(len(KINDS))).smallest
 
 
 class Front(StrEnum):
-    """Surface that wins on the viewer's side, drawn by C*: rightly the farthest."""
+    """Surface that wins on the viewer's side, drawn by C*; the farthest is correct."""
 
     FARTHEST = "farthest"
     NEAREST = "nearest"
@@ -151,7 +150,7 @@ class Front(StrEnum):
 
 
 class Back(StrEnum):
-    """Surface that wins behind the plate, drawn by C: rightly the nearest."""
+    """Surface that wins behind the plate, drawn by C; the nearest is correct."""
 
     NEAREST = "nearest"
     FARTHEST = "farthest"
@@ -159,7 +158,7 @@ class Back(StrEnum):
 
 
 class Culled(StrEnum):
-    """Culled faces, by the sense in which the viewer sees their corners."""
+    """Culled faces, by the winding order that the viewer sees."""
 
     NONE = "none"
     COUNTERCLOCKWISE = "counterclockwise"
@@ -170,18 +169,19 @@ class Normals(StrEnum):
     """Normals by which triangles are shaded."""
 
     RIGHT = "right"
-    FLAT = "flat"  # their own normals, not their vertices'
-    INVERTED = "inverted"  # normals on the side that is not seen
+    FLAT = "flat"  # face normals in place of vertex normals
+    INVERTED = "inverted"  # normals that point away from the viewer
 
 
 class Recentering(StrEnum):
     """Shear of the cameras of a recentered frustum; a centered frustum has none."""
 
-    # in opposite directions with respect to the plate (paper, figure 6): both have shear k
+    # correct: both cameras have shear k, in opposite directions seen from the plate (paper, figure
+    # 6)
     RIGHT = "right"
     NONE = "none"  # each aperture looks straight ahead, and the film keeps its extent
-    C_STAR_REVERSED = "C*"  # C* has -k: it is sheared the way of C
-    C_REVERSED = "C"  # C has -k: it is sheared the way of C*
+    C_STAR_REVERSED = "C*"  # C* has -k: it is sheared in the direction of C
+    C_REVERSED = "C"  # C has -k: it is sheared in the direction of C*
     BOTH_REVERSED = "C and C*"  # both have -k, as for a screen on the other side of the plate
 
     def factor(self, side: int) -> float:
@@ -194,9 +194,9 @@ class Recentering(StrEnum):
 
 @dataclass(frozen=True)
 class OneCamera:
-    """The camera that alone is off nominal; its film may be mirrored along both axes."""
+    """The only camera that deviates from nominal; its film may be mirrored along either axis."""
 
-    # 1 for C, which draws what lies behind the plate; -1 for C*, which draws what lies before it
+    # 1 for C, which draws surfaces behind the plate; -1 for C*, which draws those in front of it
     side: int
     flip_x: bool = False
     flip_y: bool = False
@@ -208,11 +208,11 @@ FLIPPED = tuple(
     for side in (-1, 1)
     for x, y in ((True, True), (True, False), (False, True))
 )
-"""Cameras whose film alone is mirrored; C* that is not turned by 180 degrees comes first."""
+"""Models in which the film of one camera is mirrored; C* turned by 180 degrees comes first."""
 
 
 class Film(StrEnum):
-    """Spacing of pixels on a film: by equal tangents, as they should be, or by equal angles."""
+    """Spacing of pixels on a film: by equal tangents, which is correct, or by equal angles."""
 
     EVEN = "even"
     X = "x"  # equal angles along x, or y, or both
@@ -221,7 +221,7 @@ class Film(StrEnum):
     RADIUS = "radius"  # equal angles from the middle outward
 
     def bent(self, u: Floats, v: Floats, half: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Map places -1 to 1 on a lens's film to an even film; `half` has half-extents, slopes."""
+        """Map positions -1 to 1 on this film to an even film; `half` are half-extents (slopes)."""
         (tx, ty), corner = half, math.hypot(*half)
         x, y = u * tx, v * ty
         if self in (Film.X, Film.XY):
@@ -251,34 +251,35 @@ EVEN = Film.EVEN
 class RendererModel:
     """Model of the renderer of a plate; lengths in scene units, pairs and triples along x, y, z."""
 
-    #: transforms that bring its images upright, and its apertures in order
+    #: transforms that turn stored images upright, and put apertures in order
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
     #: sampling point in an upright image, px to the right and down from the pixel's center
     shift: tuple[float, float] = (0.0, 0.0)
-    #: half-extents of its film, and distances between its apertures, over the scene's, > 0
+    #: ratios to the scene of the half-extents of the film, and of the aperture spacing, > 0
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: tuple[float, float] = (1.0, 1.0)
     #: offset of both cameras, >= 0; 0 for cameras in the aperture itself
     near: float = 0.0
-    #: move of all apertures; a point p of the scene is drawn where scale p + offset belongs
+    #: offset of all apertures; a scene point p is drawn at scale p + offset
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
-    #: move of the projection screen's center, and its height over the scene's; a screen at another
-    #: height keeps its size. They and the shear mean nothing for a centered frustum.
+    #: offset of the projection screen's center, and ratio of its height to the scene's; a screen at
+    #: another height keeps its size. A centered frustum ignores these and the shear.
     screen_center: tuple[float, float] = (0.0, 0.0)
     screen_height: float = 1.0
     recentering: Recentering = Recentering.RIGHT
-    #: as in the design; they mean nothing at near 0
+    #: as in `DoubleFrustum`; without effect at near 0
     pivot: Pivot = Pivot.APERTURE
     fit: Fit = Fit.ANGLE
-    #: composition of the halves: winners, whether the viewer's half covers the other, omitted faces
+    #: composition of the halves: surfaces that win, viewer's half drawn over the other, culled
+    #: faces
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
     back: Back = Back.NEAREST
-    #: camera to which alone shift, fov and near apply; None if they apply to both
+    #: the only camera to which shift, fov and near apply; None if they apply to both
     one_camera: OneCamera | None = None
     #: whether the lights of the viewer's half are conjugated
     conjugated: bool = True
@@ -287,8 +288,8 @@ class RendererModel:
     axes: str = RIGHT_AXES
     #: numbers of the objects that are not drawn
     missing: tuple[int, ...] = ()
-    #: hogels, as files are named, with the apertures whose images they show: the first, or others
-    #: with the same image
+    #: hogels, named as in the files, with the apertures that they may show: the assumed one first,
+    #: then others with the same image
     shows: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
     film: Film = EVEN
     #: heights toward the viewer and behind the plate beyond which nothing is drawn; None for the
@@ -303,7 +304,7 @@ class RendererModel:
 
     @property
     def one_pencil(self) -> bool:
-        """True if C and C* share their lines: in the aperture, with one film and shear."""
+        """True if C and C* have the same lines: both in the aperture, with equal film and shear."""
         if self.near or self.one_camera is not None:
             return False
         return self.recentering.factor(1) == self.recentering.factor(-1)
@@ -323,32 +324,32 @@ class RendererModel:
         return np.concatenate([np.ravel(getattr(self, field_of(group))) for group in GROUPS])
 
     def with_parameters(self, values: Floats) -> RendererModel:
-        """Return the same candidate with other numbers (P,)."""
+        """Return the same model with other numbers (P,)."""
         numbers = {field_of(group): tuple(map(float, values[places(group)])) for group in GROUPS}
         fields = {name: some if len(some) > 1 else some[0] for name, some in numbers.items()}
         return replace(self, **fields)  # type: ignore[arg-type]
 
     @property
     def plate_height(self) -> float:
-        """Where along z the plate lies in the scene's own coordinates, before it is moved."""
+        """Height z of the plate in scene coordinates, before scaling and offset."""
         return -self.scene_offset[2] / self.scene_scale
 
     def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
-        """Return the aperture of the scene that a file named after one aperture shows."""
+        """Return the aperture of the scene that is shown by the file of this aperture."""
         ordered = self.order.index(aperture.index, scene.plate.hogels)
         return scene.plate.aperture(*dict(self.shows).get(aperture.index, (ordered,))[0])
 
     def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
-        """Return a picture (H, W, ..) as it belongs."""
+        """Return a stored picture (H, W, ..) in upright orientation."""
         return self.orientation.upright(picture)
 
     def placed(self, aperture: Aperture) -> Aperture:
-        """Return an aperture where the candidate has it."""
+        """Return an aperture at its position in this model."""
         x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset
         return replace(aperture, x=float(x), y=float(y))
 
     def frustum(self, scene: Scene) -> Frustum:
-        """Return the scene's frustum with the projection screen where the candidate has it."""
+        """Return the scene's frustum with the projection screen of this model."""
         screen, (x, y) = scene.frustum.screen, self.screen_center
         if screen is None or (x, y, self.screen_height) == (0.0, 0.0, 1.0):
             return scene.frustum
@@ -359,8 +360,8 @@ class RendererModel:
     def bundle(self, scene: Scene, aperture: Aperture, side: int) -> RayBundle:
         """Return the lines of C (side 1), C* (side -1), or of both if shared (side 0).
 
-        They are lines of the nominal scene: where a renderer has moved it or made it larger, the
-        cameras are moved and made smaller instead. The half-extents of a mirrored film
+        The lines are in coordinates of the nominal scene: if a renderer moves or enlarges the
+        scene, the model moves and shrinks the cameras instead. The half-extents of a mirrored film
         are negative.
         """
         camera, frustum = self.camera(side), self.frustum(scene)
@@ -394,7 +395,7 @@ class RendererModel:
     def project(self, scene: Scene, aperture: Aperture, points: Floats) -> Floats:
         """Return column and row (.., 2) of drawn surface points; NaN in the plate's plane.
 
-        NaN everywhere on an uneven film, for which only the inverse is known.
+        NaN everywhere on an uneven film, for which only the inverse mapping is implemented.
         """
         result = np.full((*points.shape[:-1], 2), np.nan)
         if self.film != EVEN:
@@ -406,6 +407,6 @@ class RendererModel:
 
 
 def unflipped(bundle: RayBundle) -> RayBundle:
-    """Return the same lines on a film that is not mirrored: its pixels are in another order."""
+    """Return the same lines on a film that is not mirrored, with pixels in another order."""
     tx, ty = bundle.half_extent
     return replace(bundle, half_extent=(abs(tx), abs(ty)))

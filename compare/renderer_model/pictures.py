@@ -1,4 +1,4 @@
-"""Images of a renderer model: traced and decided like the truth, and colored."""
+"""Images of a renderer model: traced and certified as the truth is, then colored."""
 
 from __future__ import annotations
 
@@ -39,25 +39,26 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, Frustum, Screen
 
 COLOR_TOLERANCE = 2.3 / 255
-"""Differences of linear radiance that two 8-bit pictures of one surface may have.
+"""Largest difference in linear radiance of two 8-bit pictures of one surface.
 
-Half a step of 8 bits is 0.5/255 in linear values and, where sRGB is steepest (2.4/1.055 at white),
-1.14/255; once for the renderer's own rounding, once for storing.
-"""
+Half an 8-bit step is 0.5/255 in linear values. In sRGB it is at most 1.14/255, at white, where the
+decoding curve is steepest (2.4/1.055). It counts twice: for the renderer's own rounding and for
+storing."""
 
-# Smallest distance from a camera's own plane at which points of triangles are looked for, as a part
-# of the reach: in that plane they have no place on the film.
+# Smallest distance of triangle points from a camera's own plane, as a fraction of the reach: points
+# in this plane have no position on the film.
 CAMERA_DISTANCE_PER_REACH = 1e-6
 
-# Largest distance from a triangle of a point that is on it, as a part of the reach: a million
-# roundings of doubles, and a thousandth of a pixel of 1000 at a thousandth of the reach.
+# Largest distance from a triangle at which a point counts as on it, as a fraction of the reach: a
+# million roundings of doubles. At a thousandth of the reach this is a thousandth of a pixel on a
+# film of 1000 pixels.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
-# Number of changed scenes that are kept: one candidate at a time draws some hogels.
+# Number of changed scenes in the cache: candidates are drawn one after the other.
 KEPT_REFERENCES = 4
 
 Layers = dict[tuple[RayBundle, bool, Culled, Film], Layer]
-"""Layers of cameras, by lines, whether the last surface along them won, faces left out and film."""
+"""Layers of cameras, by lines, whether the last surface wins, culled faces, and film."""
 
 
 @lru_cache(maxsize=KEPT_REFERENCES)
@@ -69,30 +70,30 @@ def _changed(reference: Reference, axes: str, missing: tuple[int, ...]) -> Refer
     for number, part in enumerate(scene.objects):
         vertices = part.vertices @ matrix
         if number in missing:
-            # Out of reach it is not drawn, and its triangles keep their numbers.
+            # Beyond the reach the object is not drawn, and triangles keep their numbers.
             vertices -= (0.0, 0.0, vertices[:, 2].max() + 4 * scene.frustum.longest_reach)
         normals = None if part.vertex_normals is None else part.vertex_normals @ matrix
         parts.append(replace(part, vertices=vertices, vertex_normals=normals))
-    # Selecting the effects of each changed scene takes longer than evaluating all.
+    # Selecting the effects of each changed scene takes longer than evaluating all effects.
     return Reference(replace(scene, objects=tuple(parts)), reference.tracer_name, ALL_EFFECTS)
 
 
 def drawn_scene(reference: Reference, model: RendererModel) -> Reference:
-    """Return the reference of a candidate's scene: its axes, without missing objects."""
+    """Return the reference of a model's scene, with its axes and without its missing objects."""
     if model.axes == RIGHT_AXES and not model.missing:
         return reference
     return _changed(reference, model.axes, model.missing)
 
 
 def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:
-    """Return the upright image of a candidate for an aperture, without color."""
+    """Return the upright image that a model draws of an aperture, without color."""
     return as_image(reference, aperture, drawn(reference, model, aperture))
 
 
 def drawn(
     reference: Reference, model: RendererModel, aperture: Aperture, known: Layers | None = None
 ) -> Layer:
-    """Return the layer of a candidate's cameras; `known` caches layers of this aperture."""
+    """Return the layer that a model's cameras draw; `known` caches layers of this aperture."""
     known, scene = {} if known is None else known, reference.scene
 
     def shown(side: int, *, last: bool = False) -> Layer:
@@ -115,16 +116,16 @@ def drawn(
 def layer(
     reference: Reference, bundle: RayBundle, *, last: bool = False, culled: Culled = Culled.NONE
 ) -> Layer:
-    """Return the first surfaces along a camera's lines, or the last ones."""
+    """Return the first or the last surfaces along a camera's lines."""
     triangles, film = reference.scene.triangles, unflipped(bundle)
     kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
-        # The faces that are left out turn this side to the viewer.
+        # Culled faces turn this side to the viewer.
         left_out = 1 if culled is Culled.COUNTERCLOCKWISE else -1
         kept = np.flatnonzero(facing(triangles, film) != left_out)
         triangles = triangles[kept]
     if last:
-        # Seen through a point mirror in its center, the last surface along a line is first.
+        # Reflecting the scene at the center makes the last surface along a line the first.
         (low, high), mirrored = film.s_range, 2 * np.asarray(film.center) - triangles
         decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
         decided = replace(decided, s=-decided.s)
@@ -133,7 +134,7 @@ def layer(
     else:
         decided = first_surfaces(triangles, film)
     result = Layer.from_surfaces(film, decided.renumbered(kept))
-    # A film whose half-extents are negative has its pixels in another order.
+    # A film with negative half-extents has its pixels in another order.
     flipped = Orientation(False, *(extent < 0 for extent in bundle.half_extent))
     if flipped == UPRIGHT:
         return result
@@ -150,7 +151,7 @@ def layer(
 def uneven_layer(
     reference: Reference, bundle: RayBundle, film: Film, *, last: bool = False
 ) -> Layer:
-    """Return first, or last, surfaces along lines of an uneven film, traced, none culled."""
+    """Trace the first or last surfaces along the lines of an uneven film, without culling."""
     directions, center = film.directions(bundle), np.asarray(bundle.center)
     (low, high), (height, width, _) = bundle.s_range, directions.shape
     rays, corners = directions.reshape(-1, 3), reference.scene.triangles
@@ -183,10 +184,10 @@ def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelIma
 
 
 def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImage:
-    """Return a prediction with the color of each pixel's own surface point; nothing is averaged.
+    """Return an image with the color of each pixel's surface point, without averaging.
 
-    Each half is seen along the lines of its own camera. Where lights are not conjugated, C* shares
-    them with C, and needs L* = -L.
+    Each half is seen along the lines of its own camera. Correct lights are conjugated: C* needs
+    L* = -L. Without conjugation C* uses the lights of C.
     """
     front = answer.height > model.plate_height
     directions, of_c_star = (
@@ -196,14 +197,14 @@ def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImag
     scene = _with_normals(scene, model.normals)
 
     def radiance(lit: Scene) -> Singles:
-        # Deciding which effects the scene needs takes as long as drawing, and changes no color.
+        # Selecting the effects that the scene needs takes as long as drawing, and changes no color.
         shader, position = Shader(lit, ALL_EFFECTS), answer.position.astype(np.float64)
         return shader.picture(answer.triangle, position, directions).astype(np.float32)
 
     color = radiance(scene)
     if not model.conjugated:
-        # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the
-        # lights.
+        # C* turns normals toward itself, away from the viewer. Reversing all normals is equivalent
+        # to reversing the lights.
         lights = []
         for light in scene.appearance.lights:
             x, y, z = light.direction
@@ -215,13 +216,13 @@ def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImag
 
 @lru_cache(maxsize=2)
 def _with_normals(scene: Scene, normals: Normals) -> Scene:
-    """Return the scene with the normals by which a candidate shades its triangles."""
+    """Return the scene with the normals that a model uses for shading."""
     if normals is Normals.RIGHT:
         return scene
     if normals is Normals.FLAT:
         flat = [replace(part, vertex_normals=None) for part in scene.objects]
         return replace(scene, objects=tuple(flat))
-    # The visible side follows the winding, which stays; each corner has a normal of its own.
+    # The winding, which determines the visible side, is unchanged; each corner gets its own normal.
     parts = []
     for number, part in enumerate(scene.objects):
         corners = part.faces.reshape(-1)
@@ -244,12 +245,13 @@ def _with_normals(scene: Scene, normals: Normals) -> Scene:
 def reference_colors(
     reference: Reference, question: RendererModel, answer: HogelImage
 ) -> HogelImage:
-    """Return the answer to a question with the reference's color.
+    """Return a model's image with the color of the reference.
 
-    Where color is an average, near offsets bend nothing, and the viewer's half wins as it must.
+    If color is an average over samples, the near offset is ignored, and the viewer's half covers
+    the other.
     """
     aperture = answer.camera.aperture
-    # Orientation and order turn pictures as wholes: nothing else may differ from the truth.
+    # Orientation and order transform whole pictures, so they do not change the color of a pixel.
     if replace(question, orientation=UPRIGHT, order=UPRIGHT) == RendererModel():
         return replace(answer, color=reference.trace(aperture).color)
     shared = replace(question, near=0.0).one_pencil and question.film is EVEN
@@ -268,7 +270,7 @@ def picture_of(
 ) -> HogelImage:
     """Return the reference's picture of an aperture under a model, without its near offset.
 
-    There are `finer` pixels for each pixel along each side, and the film is `wider` times as wide
+    Each pixel is divided into `finer` pixels along each side, and the film is `wider` times as wide
     and high.
     """
     scene = reference.scene
@@ -283,8 +285,7 @@ def picture_of(
             size=(2 * wider * bundle.half_extent[0], 2 * wider * bundle.half_extent[1]),
         ),
     )
-    # The plate of the picture is z = 0: where the scene lies higher or lower, it is its objects
-    # that move.
+    # The plate of the picture is z = 0: for a scene at another height the objects are moved.
     below = np.array([0.0, 0.0, bundle.center[2]])
     moved = tuple(replace(part, vertices=part.vertices - below) for part in scene.objects)
     there = replace(scene, frustum=frustum, objects=moved if below.any() else scene.objects)
@@ -292,7 +293,7 @@ def picture_of(
 
 
 def shows_something(image: HogelImage) -> Mask:
-    """Return the pixels of a picture that are not black, where backgrounds are."""
+    """Return the pixels of a picture that are not black, the color of the background."""
     assert image.color is not None
     return np.asarray((image.color > 0).any(axis=-1))
 
@@ -302,19 +303,19 @@ def colors_differ(
 ) -> Mask:
     """Return the pixels whose colors differ by more than a tolerance, or are not numbers."""
     assert answer.color is not None and image.color is not None
-    # NaN is within no tolerance.
+    # A comparison with NaN is False, so that NaN counts as a difference.
     return np.asarray(~(np.abs(answer.color - image.color) <= tolerance).all(axis=-1))
 
 
 def as_stored(answer: HogelImage, image: HogelImage) -> HogelImage:
-    """Return an answer with colors clipped as the file of an image stores them."""
+    """Return an image with colors clipped as in the file of another image."""
     if answer.color is None or not is_picture(image):
         return answer
     return replace(answer, color=np.minimum(answer.color, 1))
 
 
 def as_gray(image: HogelImage) -> Floats:
-    """Return the input of registration: brightness, or one gray for each object, 0 for nothing."""
+    """Return the input of registration: brightness, or one gray per object, 0 for no surface."""
     if image.color is not None:
         return np.asarray(np.nan_to_num(image.color).mean(axis=-1), dtype=np.float64)
     count = int(image.object.max(initial=0)) + 1
@@ -324,10 +325,10 @@ def as_gray(image: HogelImage) -> Floats:
 def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Floats:
     """Return the surface points (H, W, 3) that a decoded image shows, NaN without a surface.
 
-    They are the image's own where it has them; else they lie where the line that a pixel has by a
-    model meets the triangle that it names. Where the line misses that triangle, the point of it
-    that the model draws nearest to the pixel's center is taken: the displacement is then a lower
-    bound.
+    Positions stored in the image are returned unchanged. Without them, a point is the intersection
+    of the pixel's line in the model with the triangle that the pixel names. If the line misses this
+    triangle, the point of the triangle drawn nearest to the pixel's center is returned: the
+    displacement is then a lower bound.
     """
     if np.isfinite(image.position[..., :2]).any():
         return np.asarray(image.position, dtype=np.float64)
@@ -348,15 +349,14 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
         distance[ahead] = distance_to_triangles(met[ahead], corners[ahead])
         nearer = distance < off
         best[nearer], off[nearer] = met[nearer], distance[nearer]
-    # The scene's own lengths: where a candidate has it larger, the reach is so much shorter in
-    # them.
+    # In scene coordinates the reach is shorter by the scale of the model.
     reach = scene.frustum.longest_reach / model.scene_scale
     missed = np.flatnonzero(off > TRIANGLE_TOLERANCE_PER_REACH * reach)
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
     nearest, least = np.full((len(missed), 3), np.nan), np.full(len(missed), np.inf)
     for side, bundle in bundles.items():
         if model.film is not EVEN:
-            # Pixels lie where an even film has their lines.
+            # Convert the pixels to positions with the same lines on an even film.
             lines = model.film.directions(bundle)[rows[missed], columns[missed]]
             cells = pixel_places(np.asarray(bundle.center) + lines, bundle)
         for first in range(3):
@@ -375,7 +375,7 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
 def _nearest_of_edge(
     ends: Floats, bundle: RayBundle, side: int, cells: Floats, closest: float
 ) -> tuple[Floats, Floats]:
-    """Return the points (N, 3) of edges (N, 2, 3) nearest to cells, and distances, px."""
+    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to pixels, and distances, px."""
     center = np.asarray(bundle.center)
     ahead = side * (center[2] - ends[..., 2])
     # The part of the edge behind the camera is cut off.
@@ -387,7 +387,7 @@ def _nearest_of_edge(
     along = drawn[:, 1] - drawn[:, 0]
     part = np.einsum("ij,ij->i", cells - drawn[:, 0], along) / np.einsum("ij,ij->i", along, along)
     part = np.clip(np.nan_to_num(part), 0.0, 1.0)[:, None]
-    # On the film 1/s runs evenly, and so do coordinates over s.
+    # On the film 1/s is linear, and so are coordinates divided by s.
     weights = (1 - part) / s[:, :1], part / s[:, 1:]
     point = (weights[0] * kept[:, 0] + weights[1] * kept[:, 1]) / (weights[0] + weights[1])
     apart = np.linalg.norm(drawn[:, 0] + part * along - cells, axis=1)

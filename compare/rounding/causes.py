@@ -1,22 +1,22 @@
 """The one classifier of causes: edge, order, lost, or unexplained.
 
-A picture may show another triangle at a pixel than exact cameras do, because rasterizing rounds
-vertices and depths, and starts from a clear value that a surface must beat (docs/method.md, "The
-error budget"):
+A rasterizer rounds vertices and depths, and draws a surface only if its depth passes the test
+against the clear value. Its image may therefore show another triangle at a pixel than exact cameras
+do (docs/method.md, "The error budget"):
 
-* edge: rounding may have moved an edge of one of the two triangles across the pixel's center. Edges
-  are also those that clipping makes: cuts by the near plane and by the reach, the film's border,
-  and seams. Where only one picture shows something, at the pixel and all its neighbors, no snapped
-  edge explains the difference;
-* order: both triangles cover the pixel, and their stored depths differ by no more than depth's
-  roundings;
-* lost: the stored depth of the expected surface differs by no more than that from the clear value,
-  and the shown triangle covers the pixel.
+* edge: rounding may have moved an edge of one of the two triangles across the pixel's center.
+  Clipping adds edges: cuts by the near plane and by the reach, the film's border, and seams. If
+  only one of the two pictures shows a surface at the pixel and at all its neighbors, a snapped edge
+  does not explain the difference;
+* order: both triangles cover the pixel, and their stored depths differ by no more than the bound of
+  the depth errors;
+* lost: the stored depth of the expected surface differs from the clear value by no more than this
+  bound, and the shown triangle covers the pixel.
 
-A pixel that bears no mark is unexplained: a bug in one of the programs. The classifier does not
-depend on settings or on models of renderers. It takes cameras;
-`xfrustum.compare.attribution.budget` makes them for our rasterizer,
-`xfrustum.compare.judging.judged` for other renderers.
+A pixel with none of these causes is unexplained: one of the programs has a bug. The classifier does
+not depend on settings or on models of renderers. Its input is cameras:
+`xfrustum.compare.attribution.budget` makes the cameras of our rasterizer, and
+`xfrustum.compare.judging.judged` the cameras of other renderers.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.representation import ShortRepr
 
 HEADINGS = ("edge", "order", "lost", "unexplained")
-"""Headings of `Causes`; the last one is for pixels that bear no mark."""
+"""Headings of `Causes`; pixels without a cause have the last one."""
 
 
 class Surfaces(Protocol):
-    """Triangles that an image shows, and their heights, by which several cameras share it."""
+    """Triangles shown by an image, and their heights, which select the camera of each pixel."""
 
     @property
     def triangle(self) -> Numbers:
@@ -64,7 +64,7 @@ class Surfaces(Protocol):
 class Causes(ShortRepr):
     """Pixels that show another triangle than expected, each under one heading.
 
-    A list, because there are few.
+    They are stored as a list, because wrong pixels are few.
     """
 
     shape: tuple[int, ...]  #: H, W
@@ -81,7 +81,7 @@ class Causes(ShortRepr):
 
     @property
     def unexplained(self) -> Mask:
-        """(H, W) pixels that bear no mark."""
+        """(H, W) pixels without a cause."""
         return self.masks["unexplained"]
 
     def counts(self) -> dict[str, int]:
@@ -111,10 +111,11 @@ def find_causes(
 ) -> Causes:
     """Find the cause of every wrong pixel.
 
-    `pixels` (N,) are the flat numbers of the pixels at which the images differ.
-    `cameras` are all that may have drawn the picture of `triangles` (F, 3, 3). `expected` is their
-    picture without rounding, or with another depth buffer; its ties need no exception: they lie
-    on an edge, or at one depth. `shown` may name triangles that the scene does not have.
+    `pixels` (N,) are the flat numbers of the pixels at which the images differ. `cameras` are all
+    cameras that may have drawn the picture of `triangles` (F, 3, 3). `expected` is the picture
+    without rounding, or with another depth buffer. Ties in it need no special case, because tied
+    triangles meet at an edge or have equal depths. `shown` may hold triangle numbers that the scene
+    does not have.
     """
     shape = shown.triangle.shape
     if not len(pixels):
@@ -125,8 +126,8 @@ def find_causes(
     before, after = _marks(drawn, cameras, images, pixels)
     edge = (before.near_edge | after.near_edge) & _beside_likeness(expected, shown, (columns, rows))
     edge |= before.near_moved | after.near_moved | _near_border(cameras, (columns, rows))
-    # A depth test chooses only among triangles that cover the pixel. Centers that only rounding
-    # brings inside a triangle are near its edge, and have their cause already.
+    # A depth test chooses only among triangles that cover the pixel. A center that lies inside a
+    # triangle only after rounding is near an edge, and `edge` is its cause already.
     chosen = before.possible & after.possible & ~edge
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
     if chosen.any():
@@ -134,8 +135,8 @@ def find_causes(
         first, second = depths(kept).at(kept.slots, (len(cameras), len(images), len(chosen)))
         order = np.asarray(first.indistinguishable_from(second).any(axis=0))
         lost = first.lost().any(axis=0) & ~order
-    # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both
-    # are tested only if nothing else explains the pixel.
+    # With too small a near plane the far cut may run nearly anywhere, and seams are slow to
+    # compute: both are tested only if nothing else explains the pixel.
     edge |= (before.near_cut | after.near_cut) & ~(order | lost)
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
@@ -161,15 +162,15 @@ def _drawn_by(
     images: Sequence[Surfaces],
     pixels: Indices,
 ) -> PixelTriangles:
-    """Return the triangles at pixels (N,) that each camera may have drawn, of two at a cut both.
+    """Return the triangles at pixels (N,) that each camera may have drawn; at a cut, both cameras.
 
-    Per-call overhead dominates for small arrays: the result has the slots of one array
-    (cameras, images, N).
+    The result is one set of slots in an array (cameras, images, N), because per-call overhead
+    dominates for small arrays.
     """
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
     rows, columns = np.divmod(np.tile(pixels, len(images)), images[0].triangle.shape[1])
     exists = (number != NOTHING) & (number < len(triangles))
-    # Each image's heights are compared as exactly as the image has them.
+    # Heights are compared in the precision in which each image stores them.
     may_draw = np.concatenate(
         [camera.may_draw(image.height, pixels) for camera in cameras for image in images]
     )
@@ -184,7 +185,7 @@ def _marks(
     images: Sequence[Surfaces],
     pixels: Indices,
 ) -> list[Placement]:
-    """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
+    """Return the placements in each image at pixels (N,); empty pixels are always `possible`."""
     marks = np.zeros((4, len(cameras), len(images), len(pixels)), dtype=np.bool_)
     if len(drawn.slots):
         marks.reshape(4, -1)[:, drawn.slots] = placement(drawn)
@@ -193,7 +194,7 @@ def _marks(
 
 
 def _beside_likeness(expected: Surfaces, shown: Surfaces, pixels: PixelIndex) -> Mask:
-    """Return the pixels (N,) at or beside which both images show a surface, or neither does."""
+    """Return pixels (N,) at or beside which both images are covered, or both are empty."""
     (columns, rows), around = pixels, np.arange(3)
     alike = np.pad((expected.triangle == NOTHING) == (shown.triangle == NOTHING), 1)
     near = alike[rows[:, None, None] + around[:, None], columns[:, None, None] + around]
@@ -201,9 +202,9 @@ def _beside_likeness(expected: Surfaces, shown: Surfaces, pixels: PixelIndex) ->
 
 
 def _near_border(cameras: Sequence[RoundingCamera], pixels: PixelIndex) -> Mask:
-    """Return the pixels (N,) sampled on the border of the film, where clipping cuts triangles.
+    """Return the pixels (N,) with sampling points on the film's border, where clipping cuts.
 
-    Only shifted samples of the outermost pixels lie there, half a pixel from their centers.
+    Only the outermost pixels can have such points, if sampling is shifted by half a pixel.
     """
     near = np.zeros(len(pixels[0]), dtype=np.bool_)
     for camera in cameras:
@@ -219,7 +220,7 @@ def _near_seam(
     images: Sequence[Surfaces],
     pixels: PixelIndex,
 ) -> Mask:
-    """Return the pixels (N,) sampled where clipping may have split a triangle of either image."""
+    """Return the pixels (N,) with sampling points on a seam of a triangle of either image."""
     columns, rows = pixels
     near = np.zeros(len(rows), dtype=np.bool_)
     for camera in cameras:
@@ -239,13 +240,13 @@ def _near_seam(
 
 
 def _sampled(pixels: PixelIndex, shift: tuple[float, float]) -> Floats:
-    """Return where pixels are sampled, (N, 2) in pixels from the film's left and upper border."""
+    """Return sampling points of pixels, (N, 2) in pixels from the film's left and upper border."""
     columns, rows = pixels
     return np.stack((columns + 0.5 + shift[0], rows + 0.5 + shift[1]), axis=1, dtype=np.float64)
 
 
 def scattered(shape: tuple[int, ...], pixels: Indices, values: Mask | bool = True) -> Mask:
-    """Return values (N,) of pixels, given by their flat numbers, as a mask of some shape."""
+    """Return a mask of this shape with values (N,) at the pixels of these flat numbers."""
     mask = np.zeros(shape, dtype=np.bool_)
     mask.reshape(-1)[pixels] = values
     return mask

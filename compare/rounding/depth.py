@@ -19,10 +19,10 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
 DEPTH_ROUNDINGS = 8
-"""Roundings of 2^-24 in a depth that a fragment computes from w, relative to its largest term."""
+"""Roundings of 2^-24 in a depth that a shader computes from w, relative to the largest term."""
 
 LOG_ULPS, LOG_NEAR_ONE = 6, 2.0**-21
-"""Errors that GLSL allows a logarithm: 3 ULP (6 half units), or 2^-21 near one."""
+"""Errors of a logarithm that GLSL allows: 3 ULP (6 half units), or 2^-21 near one."""
 
 STEP = {DepthFormat.D16: 2.0**-16, DepthFormat.D24: 2.0**-24, DepthFormat.D32F: 0.0}
 """Distance of neighboring stored values of the fixed-point formats."""
@@ -40,7 +40,7 @@ class Depths:
     def at(self, slots: Indices, shape: tuple[int, int, int]) -> list[Depths]:
         """Return these depths at their slots of an array (cameras, images, N), for each image.
 
-        Everywhere else there is no triangle.
+        All other slots have no triangle.
         """
         arrays = []
         for values, nothing in ((self.depth, np.nan), (self.tolerance, 0.0), (self.clear, np.nan)):
@@ -50,11 +50,11 @@ class Depths:
         return [Depths(depth=a, tolerance=b, clear=c) for a, b, c in zip(*arrays, strict=True)]
 
     def indistinguishable_from(self, other: Depths) -> Mask:
-        """Return where a buffer may order two triangles either way."""
+        """Return a mask of the places at which a depth test may pass either triangle."""
         return np.asarray(np.abs(self.depth - other.depth) <= self.tolerance + other.tolerance)
 
     def lost(self) -> Mask:
-        """Return where a surface may not beat the clear value."""
+        """Return a mask of the places at which a surface may fail against the clear value."""
         return np.asarray(np.abs(self.depth - self.clear) <= self.tolerance)
 
 
@@ -78,9 +78,9 @@ def depths(shown: PixelTriangles) -> Depths:
             depth, tolerance = _written(mapping, inverse, known, shown.each(n), shown.each(f))
         else:
             depth, tolerance = shown.each(a) + shown.each(b) * inverse, known
-    # A camera draws nothing that lies behind it: there it has no depths to order.
+    # A camera draws nothing behind itself, so these points have no depth.
     undefined = ~np.isfinite(depth) | (inverse <= 0)
-    # C starts from its far value, C* from its near value.
+    # The depth buffer of C is cleared to the far value, and the buffer of C* to the near value.
     starts_at_one = film.orthoscopic == (mapping is not DepthMapping.REVERSED)
     return _stored(
         np.where(undefined, np.nan, depth),
@@ -135,7 +135,7 @@ def _planes(film: FilmTriangles, a: Floats, b: Floats) -> Planes:
     ends = 1 / np.clip(np.stack((w.min(axis=1), w.max(axis=1))), n, f)
     largest = np.abs(a + b * ends).max(axis=0)
     if film.precision.mapping is DepthMapping.GL:
-        # Clip depth -1..1 is halved and moved by a half: its roundings are relative to one.
+        # Clip depth -1..1 is halved and shifted by 1/2, so its roundings are relative to one.
         largest = np.maximum(largest, 1.0)
     constant = CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * np.abs(b)
     return Planes(
@@ -150,7 +150,7 @@ def _planes(film: FilmTriangles, a: Floats, b: Floats) -> Planes:
 
 
 def _linear_in_inverse(mapping: DepthMapping, n: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Return a and b (T,) of the interpolated quantity a + b / w, between planes at n and f."""
+    """Return a and b (T,) of the interpolated quantity a + b / w, with near n and far f."""
     match mapping:
         case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
             return np.zeros_like(n), np.ones_like(n)
@@ -169,8 +169,8 @@ def _written(
     n: Floats,
     f: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return the depth that fragments write, and its error bound; `known` is the bound of 1 / w."""
-    # The fragment takes w from the interpolated 1 / w.
+    """Return the depth that fragments write, and its error bound; `known` bounds 1 / w's error."""
+    # The fragment shader computes w from the interpolated 1 / w.
     w = 1 / inverse
     of_w = w * known * w
     match mapping:

@@ -1,8 +1,9 @@
 """Causes of wrong pixels in images by direction, which have one camera and no near offset.
 
-A drawn image by direction differs from the truth by rounding alone: vertices snap in the plate's
-plane, and depth is quantized, linearly in z for parallel lines. The cameras of `raster` are affine,
-or stand in a point of the screen; here they are the reference's own lines.
+A drawn image by direction differs from the truth only by rounding: vertices snap to subpixels in
+the plate's plane, and depth is quantized, linearly in z for parallel lines. The cameras of `raster`
+are affine, or have their center in a point of the screen. Here the same camera is described by the
+lines of the reference.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from xfrustum.scenes.plate.plate import PlateTile
 
 @dataclass(frozen=True, kw_only=True)
 class _Shown:
-    """Triangles (rows, columns) of an image by direction; its one camera needs no heights."""
+    """Triangles (rows, columns) of an image by direction; one camera needs no heights."""
 
     triangle: Numbers
     height: None = None
@@ -36,8 +37,8 @@ def direction_camera(
 ) -> RoundingCamera:
     """Return the camera of a pixel (column, row) of all hogels of a tile.
 
-    The truth has the same lines. The rasterizer chooses the near and far plane of a camera in a
-    point of the screen, by their distances from it.
+    The truth has the same lines. For a camera in a point of the screen, the rasterizer sets the
+    distances of the near and far plane from this point.
     """
     lines = TileLines(scene.frustum, tile).of_pixel(pixel)
     planes = direction_pass(scene, tile, pixel).planes
@@ -47,9 +48,10 @@ def direction_camera(
 def explain_direction(
     scene: Scene, truth: DirectionImage, triangle: Numbers, device: DeviceModel, depth: DepthFormat
 ) -> Causes:
-    """Find the cause of every pixel at which drawn triangles (rows, columns) are not the true ones.
+    """Find the cause of every pixel at which the drawn triangle differs from the true triangle.
 
-    `triangle` is an image of `raster.plate.directions` with a depth buffer of this format.
+    `triangle` (rows, columns) is an image of `raster.plate.directions` with a depth buffer of this
+    format.
     """
     pixels = np.flatnonzero(truth.triangle != triangle)
     precision = Precision(device=device, depth=depth, mapping=DepthMapping.STANDARD)

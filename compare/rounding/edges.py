@@ -1,8 +1,9 @@
-"""Edges that rounding may move across a pixel's center: of meshes, of cuts, and clipping seams.
+"""Edges that rounding may move across a pixel's center: mesh edges, cuts, and clipping seams.
 
 A renderer that clips triangles at its film and at its near and far planes draws the remaining
-polygon as several triangles. The specification leaves the triangulation undefined, but their common
-sides are diagonals of the polygon: edges that no mesh has.
+polygon as several triangles. The specification leaves the triangulation undefined, but the sides
+shared by two of these triangles are diagonals of the polygon. They are edges that the mesh does not
+have.
 """
 
 from itertools import combinations
@@ -25,13 +26,14 @@ The sign of w - z is the test at the far plane."""
 def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
     """Return the smallest and largest 1 / w at which the far plane may cut triangles, (T,) each.
 
-    Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is
-    known at each corner to `FAR_ROUNDINGS` of 2^-24 of its w. Between two corners it is linear, and
-    so is its error: the cut lies where |w - z| is at most the larger of the two errors, within (f -
-    n) / n times this error of w = f. Where this is more than f, as with n below 2^-24 w, it may lie
-    at any distance, beside the camera or behind it. Reversed clip depth is zero at the far plane
-    and has no such difference. Parallel lines have w = 1 and depth linear in s: the difference
-    is known to `FAR_ROUNDINGS` of 2^-24 of the reach, and the result is s.
+    Where clip depth equals w at the far plane, w - z is n (f - w) / (f - n), or twice this. Float32
+    computes it at each corner with an error of at most `FAR_ROUNDINGS` of 2^-24 of the corner's w.
+    Between two corners the difference is linear, and so is its error: the cut lies where |w - z| is
+    at most the larger of the two errors, that is, within (f - n) / n times this error of w = f. If
+    this distance exceeds f, as with n below 2^-24 w, the cut may lie at any distance, beside the
+    camera or behind it. Reversed clip depth is zero at the far plane, so that no difference is
+    rounded. Parallel lines have w = 1 and depth linear in s: the error of the difference is at most
+    `FAR_ROUNDINGS` of 2^-24 of the reach, and the result is s.
     """
     n, f = film.planes
     if film.along is not None:
@@ -40,8 +42,8 @@ def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
     match film.precision.mapping:
         case DepthMapping.REVERSED:
             return 1 / f, 1 / f
-        # Where fragments write depth, clip depth may run either way: the larger bound holds for
-        # both.
+        # Where fragments write depth, clip depth may be standard or reversed: the larger bound
+        # holds for both.
         case (
             DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.LOGARITHMIC | DepthMapping.LINEAR
         ):
@@ -54,30 +56,31 @@ def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
 
 
 class Placement(NamedTuple):
-    """Where pixel centers lie on the triangles that a camera drew there, one for each.
+    """Positions of pixel centers relative to the triangles drawn there, one triangle per pixel.
 
     A center outside its triangle that is `possible` is always `near_edge` as well.
     """
 
-    #: (N,) the center lies inside the triangle, or outside by no more than rounding moves its edges
+    #: (N,) the center lies inside the triangle, or outside by no more than rounding can move an
+    #: edge
     possible: Mask
     #: (N,) the center is possible, and rounding may have put it on the wrong side of an edge, or of
     #: a cut by the near plane or the reach
     near_edge: Mask
-    #: (N,) the center is near an edge that may move farther than by snapping: near a cut, or where
-    #: coordinates are rounded as coarsely as in the camera's own plane
+    #: (N,) the center is near an edge that rounding may move farther than snapping does: near a
+    #: cut, or where coordinates are rounded coarsely, as close to the camera's own plane
     near_moved: Mask
     #: (N,) the center is possible, and the cut by the far plane may run there: see `far_cuts`
     near_cut: Mask
 
 
 def placement(shown: PixelTriangles) -> Placement:
-    """Place pixel centers on triangles as a rasterizer's roundings may see them.
+    """Locate pixel centers relative to triangles, within the rounding errors of a rasterizer.
 
     Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
-    before that their clip coordinates are rounded in float32, which moves the homogeneous edge
-    function by up to a sum of products. The mapping of depth decides how exactly the far plane
-    cuts.
+    before that, their clip coordinates are rounded to float32, which changes the homogeneous edge
+    function by up to a sum of products. The depth mapping determines the precision of the cut by
+    the far plane.
     """
     film = shown.film
     functions = np.concatenate((film.lines, film.plane[None]))
@@ -86,14 +89,15 @@ def placement(shown: PixelTriangles) -> Placement:
     shifts = shown.linear_at(moved, np.abs(shown.points))
     snapped = shown.each(film.precision.snap_px * per_pixel(functions, film.resolution))
 
-    # The center lies inside where all three edge functions have one sign; each is known within a
-    # margin.
+    # The center lies inside if all three edge functions have the same sign; each has an error of at
+    # most its margin.
     sides, margins = values[:3], snapped[:3] + shifts
     possible = (sides >= -margins).all(axis=0) | (sides <= margins).all(axis=0)
     near = np.abs(sides) <= margins
     moves = (near & (shifts > snapped[:3])).any(axis=0)
 
-    # Cuts by near and far plane are edges too. On the triangle, 1/s = plane . (u, v, 1) / volume.
+    # Cuts by the near and far plane are edges too. On the triangle, 1/s = plane . (u, v,
+    # 1) / volume.
     volume = np.abs(film.volume)
     inverse = values[3] * shown.each(np.where(film.orthoscopic, 1.0, -1.0) * np.sign(film.volume))
     margin = snapped[3] + shifts.sum(axis=0)
@@ -125,9 +129,10 @@ def _may_be_between(
 ) -> Mask:
     """Return the pixels (N,) at which s of parallel lines may lie between two values (T,) each.
 
-    `along` has s of the corners and its bounds, `edges` the edge functions (3, N) and their bounds.
-    Weights of the corners are the opposite edges over the volume, so that s - end has the sign of
-    sum((s_k - end) E_k), in which float32 moves each factor, and snapping the whole.
+    `along` holds s of the corners and its error bounds, `edges` the edge functions (3, N) and their
+    bounds. The weight of a corner is the function of the opposite edge over the volume, so that
+    s - end has the sign of sum((s_k - end) E_k). Float32 changes each factor of this sum, and
+    snapping changes the sum as a whole.
     """
     film, (sides, shifts) = shown.film, edges
     turn = shown.each(np.sign(film.volume))
@@ -146,12 +151,12 @@ def _may_be_between(
 
 
 def per_pixel(functions: Floats, resolution: tuple[int, int]) -> Floats:
-    """Return by how much linear functions (..., 3) of (u, v, 1) change per pixel."""
+    """Return the change per pixel of linear functions (..., 3) of (u, v, 1)."""
     return np.hypot(functions[..., 0] * 2 / resolution[0], functions[..., 1] * 2 / resolution[1])
 
 
 def _perturbation(film: FilmTriangles) -> tuple[Floats, Floats]:
-    """Return bounds of the changes of the lines (3, T, 3) and of the volume (T,)."""
+    """Return bounds of the float32 errors of the lines (3, T, 3) and of the volume (T,)."""
     size, bound = np.abs(film.vertices), film.bound
     # Sums of absolute products in a x b, for each corner a and the next one b.
     begins = [(part.take(NEXT, axis=-1), part.take(AFTER_NEXT, axis=-1)) for part in (size, bound)]
@@ -172,10 +177,10 @@ def _perturbation(film: FilmTriangles) -> tuple[Floats, Floats]:
 def seams(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Floats:
     """Return the diagonals (K, 2, 2) of the polygon that clipping leaves of a triangle (3, 3).
 
-    Both ends of each are in pixels from the film's left and upper border; K is 0 where the triangle
-    is not cut, or where no more than three corners are left of it. The camera's lines run through
-    the sampling points, which are shifted from their pixels' centers by columns and rows; the
-    film's borders are not.
+    The ends of each diagonal are in pixels from the film's left and upper border. K is 0 if the
+    triangle is not cut, or if the polygon has at most three corners. The camera's lines run through
+    the sampling points, which are shifted from the pixel centers by `shift` (columns, rows); the
+    film's borders are not shifted.
     """
     polygon, bounds = _clip_places(corners, bundle, shift), _clip_bounds(bundle)
     for bound in bounds:
@@ -187,14 +192,14 @@ def seams(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Flo
 
 
 def clipped(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Mask:
-    """Return the triangles (T, 3, 3) that clipping cuts and keeps: no others have seams."""
+    """Return the triangles (T, 3, 3) that clipping cuts and keeps; only these have seams."""
     beyond = np.less(_clip_places(corners, bundle, shift) @ _clip_bounds(bundle).T, 0.0)
     nothing_left = np.any(np.all(beyond, axis=1), axis=1)
     return np.asarray(np.any(beyond, axis=(1, 2)) & ~nothing_left)
 
 
 def _clip_places(corners: Floats, bundle: RayBundle, shift: tuple[float, float]) -> Floats:
-    """Return homogeneous places (.., 4) of corners (.., 3): from the left, from above, w, and 1."""
+    """Return homogeneous positions (.., 4) of corners (.., 3): from left, from top, w, and 1."""
     width, height = bundle.resolution
     q = corners - np.asarray(bundle.center)
     # In front of the camera s is positive for C and negative for C*; w, the distance along the
@@ -208,7 +213,7 @@ def _clip_places(corners: Floats, bundle: RayBundle, shift: tuple[float, float])
 
 
 def _clip_bounds(bundle: RayBundle) -> Floats:
-    """Return the linear functions (6, 4) of the clip planes, not negative inside."""
+    """Return the linear functions (6, 4) of the clip planes, at least zero inside."""
     (width, height), (begin, end) = bundle.resolution, sorted(abs(s) for s in bundle.s_range)
     bounds = (
         (0, 0, 1, -begin),
@@ -239,7 +244,7 @@ def distance_to_segments(points: Floats, segments: Floats) -> Floats:
 
 
 def distance_to_border(points: Floats, resolution: tuple[int, int]) -> Floats:
-    """Return distances (N,) of points from the nearest prolonged border of a film, pixels."""
+    """Return distances (N,) of points from the nearest border line of a film, in pixels."""
     off = np.full(len(points), np.inf)
     for place, extent in zip(points.T, resolution, strict=True):
         off = np.minimum(off, np.minimum(np.abs(place), np.abs(place - extent)))

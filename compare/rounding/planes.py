@@ -23,10 +23,10 @@ the plane equation along x and y.
 GRADIENT_ROUNDINGS = 5
 """Roundings of 2^-24 in the gradient of a plane through three corners, relative to its products.
 
-Each product of an edge and a difference of depth has five: the edge, the difference, the quotient
-of edge and area, the product, and the difference of two products. The area has three in each of its
-two products, and two after that. Where the corners lie nearly on one line these products are large
-and cancel.
+Each product of an edge and a depth difference has five roundings: the edge, the depth difference,
+the quotient of edge and area, the product, and the difference of two products. The area has three
+in each of its two products, and two more. If the corners lie nearly on one line, these products are
+large and cancel.
 """
 
 PLANE_ROUNDINGS = 11
@@ -34,9 +34,9 @@ PLANE_ROUNDINGS = 11
 
 They are relative to the value and to its rise from the corner of the film.
 
-Four in a corner's place in pixels (quotient, two products, a sum), one each in the two products and
-the two sums that carry the plane to the film's corner, one each in the two products and the sum
-that carry it to the pixel. Renderers that begin at the triangle have fewer.
+Four are in a corner's position in pixels (a quotient, two products, a sum). Extrapolating the plane
+to the film's corner adds four (two products, two sums), and evaluating it at the pixel adds three
+(two products, a sum). Renderers that evaluate the plane from a corner of the triangle have fewer.
 """
 
 
@@ -44,20 +44,21 @@ that carry it to the pixel. Renderers that begin at the triangle have fewer.
 class Planes:
     """A quantity Z / w over triangles (T,) in homogeneous film coordinates, linear on the film.
 
-    A device interpolates between corners V' = V + d of the triangle, or of a polygon that clipping
-    makes of it, each corner a mean of the triangle's. At a pixel p it finds sum(m_i Z'_i) with
-    weights m_i >= 0 for which sum(m_i V'_i) = (p, 1). On the exact plane Z = G . V, so that
+    A device interpolates between corners V' = V + d of the triangle, or of the polygon that
+    clipping leaves, whose corners are weighted means of the triangle's corners. At a pixel p it
+    computes sum(m_i Z'_i) with weights m_i >= 0 for which sum(m_i V'_i) = (p, 1). On the exact
+    plane Z = G . V, so that
 
         found - exact = sum(m_i (dZ_i - G . d_i)),        sum(m_i w_i) = 1,
 
-    whatever triangles the polygon is drawn as. Two things move corners, and one the plane between
-    them:
+    for every triangulation of the polygon. Three errors contribute; the first two move corners, the
+    third moves the plane between them:
 
-    * snapping, by half a subpixel step along each axis, where the plane is taken from snapped
-      vertices;
-    * float32, by the bounds of each corner. A corner that clipping made has the bounds of the
-      largest;
-    * the setup of the plane from corners in pixels, `GRADIENT_ROUNDINGS` and `PLANE_ROUNDINGS`.
+    * snapping, by half a subpixel step along each axis, if the device computes the plane from
+      snapped vertices;
+    * float32 rounding, within the bounds of each corner. A corner made by clipping has the largest
+      bound of the triangle's corners;
+    * setup of the plane from corners in pixels, `GRADIENT_ROUNDINGS` and `PLANE_ROUNDINGS`.
     """
 
     #: (T, 3, 3) corners V = (x, y, w); x / w and y / w lie between -1 and 1 on the film
@@ -82,7 +83,7 @@ class Planes:
 
     @cached_property
     def gradient(self) -> Floats:
-        """(T, 3) G, with which the quantity is G . (u, v, 1) on the film."""
+        """(T, 3) gradient G: the quantity is G . (u, v, 1) on the film."""
         return np.asarray(np.einsum("ktc,tk->tc", self.weights, self.value))
 
     def exact(self, which: Indices, points: Floats) -> Floats:
@@ -116,10 +117,10 @@ class Planes:
     ) -> tuple[Floats, Floats]:
         """Return a smooth varying (T, 3) at film points, exactly, and its error bounds.
 
-        It is the quotient of two planes, a / w and 1 / w. Snapping moves both alike: the value
-        at p is exact at a point within half a subpixel step of it, where a minus its exact value at
-        p has risen by its own slope alone. Float32 moves each by itself. Where 1 / w may vanish,
-        the bound is infinite.
+        It is the quotient of two planes, a / w and 1 / w. Snapping shifts both planes by the same
+        offset: the value drawn at p is the exact value at a point within half a subpixel step of p.
+        Over this step, a / w minus the exact value at p times 1 / w rises by its own slope. Float32
+        rounding affects the two planes independently. The bound is infinite where 1 / w may vanish.
         """
         w, size = self.vertices[..., 2], np.asarray(self.resolution, dtype=np.float64)
         largest = [(np.abs(value) / w).max(axis=1) for value in (values, np.ones_like(w))]
@@ -143,7 +144,7 @@ class Planes:
         return exact, np.asarray(off + FLOAT32_ROUNDING * np.abs(exact))
 
     def _setup(self, slope_px: Floats, size: Floats) -> Floats:
-        """Return the roundings (T,) of planes through corners in pixels, from the worst corner."""
+        """Return the roundings (T,) of planes through corners in pixels, for the worst corner."""
         w = self.vertices[:, :, 2:]
         places, value = (self.vertices[:, :, :2] / w + 1) / 2 * size, self.value / w[..., 0]
         worst = np.zeros(len(value))
@@ -153,7 +154,7 @@ class Planes:
                 np.abs(value[:, i] - value[:, i - 2]),
                 np.abs(value[:, i - 1] - value[:, i]),
             )
-            # Edges crosswise: the edge along y gives the slope along x.
+            # The components are swapped: the extent of an edge along y enters the slope along x.
             crosswise, otherwise = np.abs(edge[:, ::-1]), np.abs(next_edge[:, ::-1])
             area = np.abs(edge[:, 0] * next_edge[:, 1] - edge[:, 1] * next_edge[:, 0])
             gradient = rise[:, None] * otherwise + fall[:, None] * crosswise

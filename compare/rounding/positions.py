@@ -9,14 +9,14 @@ from xfrustum.scenes.model.scene import Scene
 POSITION_ROUNDINGS = 16
 """Roundings of 2^-24 of a triangle's largest coordinate L in a drawn surface point.
 
-Our own rasterizer computes the point in double precision and rounds it once, in x and in z; seen
-from an aperture a that is 1 + |x - a| / L roundings, 2 to 4 on the plates and objects of practice.
-Renderers that interpolate the point as a varying need 16.
+Our own rasterizer computes the point in double precision and rounds x and z once each. Seen from an
+aperture a, these are 1 + |x - a| / L roundings: 2 to 4 for usual plates and objects. Renderers that
+interpolate the point as a varying need 16.
 
-The vertex is stored with one. Perspective interpolation forms sum(b_i p_i / w_i) / sum(b_i / w_i)
-from plane equations: one rounding for each product p_i / w_i, two for each of the two gradients,
-two for each step along x and y, in numerator and denominator alike, and one for the quotient:
-1 + 2 (1 + 2 + 4) + 1 = 16.
+The stored vertex has one rounding. Perspective interpolation computes sum(b_i
+p_i / w_i) / sum(b_i / w_i) from plane equations. Numerator and denominator each have one rounding
+for a product p_i / w_i, two for the two gradients, and four for the steps along x and y. The
+quotient has one: 1 + 2 (1 + 2 + 4) + 1 = 16.
 """
 
 FLOAT32_ROUNDING = 2.0**-24
@@ -28,8 +28,8 @@ POSITION_TOLERANCE = POSITION_ROUNDINGS * FLOAT32_ROUNDING
 def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
     """Return the error bounds (N,) of drawn surface points (N, 3), scene units.
 
-    They are on triangles (N,); where that is `NOTHING`, the point's own coordinates stand for its
-    triangle's.
+    `triangle` (N,) are the triangles of the points. Where it is `NOTHING`, the bound uses the
+    coordinates of the point itself in place of its triangle's.
     """
     known = triangle != NOTHING
     if known.all():

@@ -21,7 +21,7 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
 @dataclass(frozen=True, kw_only=True)
 class Precision:
-    """Precision of a device's drawing."""
+    """Precision with which a device draws."""
 
     device: DeviceModel
     depth: DepthFormat
@@ -52,9 +52,9 @@ class PlateFilm:
     def from_lines(cls, lines: PixelLines, planes: tuple[float, float]) -> PlateFilm:
         """Return the camera of lines; `planes` are the distances of its near and far plane.
 
-        A line through a and the screen's point M meets p at s = M_z - p_z, where it is
-        M + (a - M) (M_z - s) / M_z, so that s a = M_z (p - M) + s M in x and y. Parallel lines have
-        a = p + z d, and planes at the ends of the reach.
+        The line through a on the plate and the screen's point M passes through p at s = M_z - p_z.
+        There the line is M + (a - M) s / M_z, so that s a = M_z (p - M) + s M in x and y. Parallel
+        lines have a = p + z d, and near and far planes at the ends of the reach.
         """
         matrix = np.zeros((3, 4))
         for axis, (at, slope) in enumerate(((lines.x, lines.dx), (lines.y, lines.dy))):
@@ -81,25 +81,25 @@ class PlateFilm:
 
 @dataclass(frozen=True, kw_only=True)
 class RoundingCamera:
-    """One camera of a renderer that rounds."""
+    """One camera of a renderer with rounding errors."""
 
-    #: Its exact lines, through the sampling points of the pixels. The ends of `s_range` are its
-    #: near and far plane.
+    #: Exact lines of the camera, through the sampling points of the pixels. The ends of `s_range`
+    #: are its near and far plane.
     bundle: RayBundle | PlateFilm
     precision: Precision
-    #: Lowest and highest z of the surfaces that the camera draws; None for images
-    #: without heights, any surface of which may be this camera's
+    #: Lowest and highest z of the surfaces that the camera draws; None for images without heights,
+    #: in which this camera may have drawn any surface
     heights: tuple[float, float] | None = None
-    #: Distance of the sampling points from the centers of their pixels, columns and rows, for a
-    #: camera that may clip triangles at the borders of its film; None for one that does not
+    #: Offset of the sampling points from the pixel centers, columns and rows, for a camera that may
+    #: clip triangles at the borders of its film; None for a camera that does not clip there
     film_shift: tuple[float, float] | None = None
 
     def may_draw(self, height: NDArray[Any] | None, pixels: Indices) -> Mask:
-        """Return the pixels (N,) of an image, given its heights (H, W), that it may have drawn."""
+        """Return the pixels (N,) that the camera may have drawn, by image heights (H, W)."""
         if self.heights is None:
             return np.ones(len(pixels), dtype=np.bool_)
         assert height is not None, "several cameras draw by heights"
-        # `take` would copy all of the heights, which lie apart in memory.
+        # `take` would copy the whole array of heights, which is not contiguous.
         at, (low, high) = height.reshape(-1)[pixels], self.heights
         return np.asarray((at >= low) & (at <= high))
 
@@ -107,19 +107,20 @@ class RoundingCamera:
 PixelIndex = tuple[Indices, Indices]  #: columns and rows of some pixels, (N,) each
 
 NEXT, AFTER_NEXT = (1, 2, 0), (2, 0, 1)
-"""Number of the corner or coordinate after each of three, and of the one after that."""
+"""Numbers of the next of three corners or coordinates, and of the next but one."""
 
 CLIPPED_VERTEX_ROUNDINGS = 16
 """Error bound of a float32 clip coordinate, in roundings of 2^-24 of its sum of absolute terms.
 
-One in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up to
-three planes (near and two sides) makes new vertices, each with three more: 9. One to spare.
+One is in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up
+to three planes (near and two sides) makes new vertices with three more for each plane: 9. One is a
+reserve.
 """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilmTriangles:
-    """Triangles on the films of cameras of one precision, one camera after the other."""
+    """Triangles on the films of cameras with equal precision, one camera after the other."""
 
     precision: Precision
     resolution: tuple[int, int]  #: W, H of their films in pixels
@@ -127,7 +128,7 @@ class FilmTriangles:
     ends: Floats
     #: vertices, bound: (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their
     #: float32 error bounds. u = x / s and v = y / s on the film; s is the distance from the center
-    #: along the axis, negative for C*. Parallel lines have 1 in its place.
+    #: along the axis, negative for C*. Parallel lines have 1 in place of s.
     vertices: Floats
     bound: Floats
     #: (2, T, 3) s of the corners on parallel lines, and its float32 error bounds; else None
@@ -137,7 +138,7 @@ class FilmTriangles:
     def from_corners(
         cls, corners: Floats, cameras: Sequence[RoundingCamera], drawn_by: Indices
     ) -> FilmTriangles:
-        """Project corners (T, 3, 3), given the place (T,) of each triangle's camera among some."""
+        """Project corners (T, 3, 3); `drawn_by` (T,) is the index of each triangle's camera."""
         assert len({(camera.precision, camera.bundle.resolution) for camera in cameras}) == 1
         bundles = [camera.bundle for camera in cameras if isinstance(camera.bundle, RayBundle)]
         if not bundles:
@@ -154,7 +155,7 @@ class FilmTriangles:
         relative = corners - center
         s = -relative[..., 2:]
         lateral = (relative[..., :2] - shear * s) / half
-        # The terms that the transform adds up, before they cancel.
+        # Absolute values of the terms that the transform adds, without cancellation.
         terms = np.abs(corners[..., :2]) + np.abs(center[..., :2]) + np.abs(shear * s)
         bound = np.concatenate(
             (terms / half, np.abs(corners[..., 2:]) + np.abs(center[..., 2:])), axis=-1
@@ -169,7 +170,7 @@ class FilmTriangles:
 
     @classmethod
     def _on_plate(cls, corners: Floats, cameras: Sequence[RoundingCamera]) -> FilmTriangles:
-        """Project corners (T, 3, 3) onto the plate, which is the film of a single camera."""
+        """Project corners (T, 3, 3) onto the plate, the film of the only camera."""
         (camera,) = cameras
         film = camera.bundle
         assert isinstance(film, PlateFilm)
@@ -190,14 +191,14 @@ class FilmTriangles:
 
     @cached_property
     def orthoscopic(self) -> Mask:
-        """(T,) triangles of C, or of parallel lines, not of C*."""
+        """(T,) mask of triangles drawn by C or by parallel lines; False for C*."""
         return np.asarray((self.ends[0] > 0) | (self.along is not None))
 
     @cached_property
     def planes(self) -> tuple[Floats, Floats]:
         """(T,) distances of the near and far plane from each triangle's camera.
 
-        Parallel lines have no camera: theirs is the signed s from the plate.
+        Parallel lines have no camera center: their planes are given by signed s from the plate.
         """
         near, far = self.ends if self.along is not None else np.sort(np.abs(self.ends), axis=0)
         return near, far
@@ -239,10 +240,11 @@ class PixelTriangles:
         pixels: PixelIndex,
         slots: Indices,
     ) -> PixelTriangles:
-        """Select the triangles of a scene (F, 3, 3) that each of some cameras may have drawn.
+        """Select the triangles of a scene (F, 3, 3) that each camera may have drawn.
 
-        `number` and `pixels` (P,) are triangles, all of which exist at the slots, and the pixels
-        that show them. `slots` (N,) are selected: k P + p is pixel p drawn by camera k.
+        `number` (P,) are triangle numbers, and `pixels` (P,) the pixels that show them. `slots`
+        (N,) are the selected pairs: k P + p is pixel p drawn by camera k. Every selected triangle
+        exists in the scene.
         """
         camera, place = np.divmod(slots, max(len(number), 1))
         drawn = camera * len(triangles) + number.take(place)
@@ -256,7 +258,7 @@ class PixelTriangles:
         )
 
     def some(self, kept: Indices) -> PixelTriangles:
-        """Return some of the pixels, given by their places (M,)."""
+        """Return the pixels at indices (M,)."""
         return replace(
             self,
             which=self.which[kept],
@@ -265,7 +267,7 @@ class PixelTriangles:
         )
 
     def each(self, values: Floats) -> Floats:
-        """Return for each pixel the value (..., N) that its triangle has in (..., T)."""
+        """Return the value (..., N) of each pixel's triangle, from values (..., T) of triangles."""
         return values.take(self.which, axis=-1)
 
     def linear_at(self, functions: Floats, points: Floats) -> Floats:

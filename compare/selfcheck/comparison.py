@@ -1,4 +1,4 @@
-"""Comparison of a true image with the exact answer: triangles, ties, certainties, positions."""
+"""Comparison of a reference image with exact results: triangles, ties, certainties, positions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ itself."""
 
 @dataclass(frozen=True, kw_only=True)
 class Disagreement:
-    """One pixel that the reference decides wrongly, with the answers of integers and reference."""
+    """One pixel that the reference gets wrong, with the exact result and the reference's."""
 
     row: int
     column: int
@@ -53,13 +53,13 @@ class ImageLines:
 def disagreements(
     image: HogelImage | DirectionImage, exact: ExactRows, lines: ImageLines, triangles: Floats
 ) -> tuple[Mask, tuple[Disagreement, ...]]:
-    """Compare every pixel of a true image with the exact answer for all its rows.
+    """Compare every pixel of a reference image with the exact results for all its rows.
 
-    A pixel is wrong where its triangle differs; where a tie is not marked, a pixel without a tie is
-    marked, or it was not examined; where other triangles are tied; and
-    where its position is off its line, or farther from the exact position along it than
-    `position_bound`, than one rounding where the reference claims rational arithmetic. Returns (H,
-    W) pixels with any disagreement, and descriptions of the first few.
+    A pixel is wrong if its triangle differs; if its certainty is wrong about a tie, or is
+    `UNEXAMINED`; if other triangles are tied; or if its position is off its line. Along the line,
+    the position may differ from the exact one by `position_bound`, and by one rounding if the
+    reference claims rational arithmetic. Returns (H, W) pixels with any disagreement, and
+    descriptions of the first few.
     """
     assert image.certainty is not None and image.tied_triangles is not None
     shape = exact.triangle.shape
@@ -80,7 +80,7 @@ def disagreements(
     }
 
     def described(about: str, pixel: tuple[int, int]) -> Disagreement:
-        """Describe the integers' answer and the reference's."""
+        """Describe the exact result and the reference's."""
         tied, marked = (
             sorted(number for *at, number in ties if tuple(at) == pixel) for ties in (expected, got)
         )
@@ -112,15 +112,15 @@ def disagreements(
 def _misplaced(
     image: HogelImage | DirectionImage, exact: ExactRows, lines: ImageLines, triangles: Floats
 ) -> Mask:
-    """Return the pixels whose position is not where the line meets the exact triangle, (H, W)."""
+    """Return the pixels (H, W) whose position is not where the line meets the exact triangle."""
     assert image.certainty is not None
     mask: Mask = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
     same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
     d, s, center = lines.directions[same], exact.s[same], lines.points[same]
     allowed = position_bound(triangles[exact.triangle[same]] - center[:, None], d, s)
     allowed = np.where(image.certainty[same] == Certainty.EXACT, UNIT_ROUNDOFF * np.abs(s), allowed)
-    # The position is the center plus s d, two more roundings, and the exact s was rounded once. 8
-    # covers these and the same operations in this check.
+    # The position, center + s d, has two more roundings, and the exact s was rounded once. A factor
+    # of 8 covers these and the same operations in this check.
     reach = np.abs(center) + np.abs(s[:, None] * d)
     off = np.abs(image.position[same] - (center + s[:, None] * d))
     mask[same] |= ~(off <= allowed[:, None] * np.abs(d) + 8 * UNIT_ROUNDOFF * reach).all(axis=1)
@@ -131,8 +131,8 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
     """Return the largest error (N,) of an s that was computed in double precision.
 
     `corners` (N, 3, 3) belong to the triangles met, relative to the center; d (N, 3) the
-    directions, and s (N,) the exact values, rounded. Where rounding leaves the sign of d . n in
-    doubt, only rational arithmetic can decide s: there the bound holds for a rounded exact s.
+    directions, and s (N,) the exact values, rounded. Where rounding leaves the sign of d . n
+    undetermined, s needs rational arithmetic, and the bound allows only the rounding of an exact s.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     magnitude = np.stack(

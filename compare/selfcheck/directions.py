@@ -1,8 +1,9 @@
 """Comparison of truths by direction with truths by hogels, and with integers.
 
-A tile of hogels is traced hogel by hogel; some of its pixels are decided by direction as well. All
-bits must be equal, and integers must agree line by line. Half of the pixels are spread over the
-film; the others are pixels that the first hogel left open: ties, edges, close surfaces.
+A tile of hogels is traced hogel by hogel, and some of its pixels are traced by direction as well.
+All bits must be equal, and the integer arithmetic must give the same result for every line. Half of
+the pixels are spread over the film. The other half are pixels that needed exact arithmetic in the
+aperture's own hogel: ties, edges, close surfaces.
 """
 
 from __future__ import annotations
@@ -26,24 +27,24 @@ from xfrustum.scenes.plate.plate import PlateTile
 TILE = (5, 3)  #: largest numbers of columns and rows of hogels about an aperture
 
 DIRECTIONS, QUICK_DIRECTIONS = 12, 3
-"""Largest numbers of spread pixels of each scene, and of open ones."""
+"""Largest number of pixels per scene that are spread over the film, and of open pixels."""
 
 CHANNELS = ("triangle", "position", "normal", "certainty")
-"""Arrays with equal bits by direction and by hogel."""
+"""Arrays that must be equal, bit by bit, by direction and by hogel."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DirectionCheck:
-    """The comparison of some images by direction of one tile."""
+    """Comparison of images by direction of one tile."""
 
     scene: str
-    columns: tuple[int, int]  #: first and last of the tile
+    columns: tuple[int, int]  #: first and last column of the tile
     rows: tuple[int, int]
     directions: int  #: number of images
     pixels: int
-    open: int  #: pixels that are not proven: decided exactly, or ties
-    differing: int  #: pixels with other bits than in the images of their hogels
-    wrong: int  #: pixels that integers decide otherwise
+    open: int  #: pixels that the filter did not prove: decided exactly, or ties
+    differing: int  #: pixels whose bits differ from the images of their hogels
+    wrong: int  #: pixels with another result in integer arithmetic
     disagreements: tuple[Disagreement, ...]  #: the first few; rows and columns are hogels
     seconds: float
 
@@ -51,7 +52,7 @@ class DirectionCheck:
 def check_directions(
     name: str, scene: Scene, aperture: Aperture, reference: type[Reference], *, quick: bool
 ) -> DirectionCheck:
-    """Compare images by direction of a tile about an aperture with hogels and with integers."""
+    """Compare images by direction of a tile with its hogels and with integer arithmetic."""
     started = time.perf_counter()
     tile = _tile_about(aperture, scene)
     truth = reference(scene)
@@ -88,7 +89,7 @@ def check_directions(
 
 
 def differs(image: DirectionImage, hogels: Sequence[Sequence[HogelImage]]) -> Mask:
-    """Return the hogels (rows, columns) whose pixel has other bits than an image by direction."""
+    """Return the hogels (rows, columns) whose pixel differs in a bit from an image by direction."""
     place = image.pixel[::-1]
     mask = np.zeros(image.triangle.shape, dtype=np.bool_)
     tied = {tuple(hogel): set[int]() for hogel in image.tied_triangles[:, :2].tolist()}
@@ -101,7 +102,7 @@ def differs(image: DirectionImage, hogels: Sequence[Sequence[HogelImage]]) -> Ma
         mask[row, column] = set(hogel.tied_triangles[here, 2].tolist()) != tied.get(
             (row, column), set()
         ) or any(
-            # Bytes of -0 and 0 differ, and a NaN equals itself.
+            # As bytes, -0 and 0 differ, and a NaN equals itself.
             getattr(image, name)[row, column].tobytes() != getattr(hogel, name)[place].tobytes()
             for name in CHANNELS
         )
@@ -109,7 +110,7 @@ def differs(image: DirectionImage, hogels: Sequence[Sequence[HogelImage]]) -> Ma
 
 
 def _tile_about(aperture: Aperture, scene: Scene) -> PlateTile:
-    """Return the tile about an aperture, moved into the plate where it would reach beyond it."""
+    """Return the tile around an aperture, shifted or cut to lie within the plate."""
     ranges = []
     for at, size, hogels in zip(aperture.index, TILE, scene.plate.hogels, strict=True):
         count = min(size, hogels)
@@ -119,7 +120,7 @@ def _tile_about(aperture: Aperture, scene: Scene) -> PlateTile:
 
 
 def _pixels(image: HogelImage, count: int) -> list[tuple[int, int]]:
-    """Return up to `count` pixels (column, row) spread over a film, and as many open ones."""
+    """Return up to `count` pixels (column, row) spread over a film, and up to `count` open ones."""
     assert image.certainty is not None
     numbers = []
     for some in (np.arange(image.triangle.size), np.flatnonzero(image.certainty)):
@@ -132,7 +133,7 @@ def _pixels(image: HogelImage, count: int) -> list[tuple[int, int]]:
 
 
 def _turned(exact: ExactRows, lines: PixelLines) -> ExactRows:
-    """Return decisions in the order of the tile, through which lines run in steps of 1 or -1."""
+    """Return results in the order of the tile; lines are in this order or reversed."""
     if lines.step > 0:
         return exact
     width, height = lines.resolution

@@ -1,12 +1,11 @@
 """Independent truth by brute force in integers, to check the reference.
 
 This module is independent of the reference on purpose. The two share only the definition of the
-line of a pixel (`RayBundle`, `LineGrid`). Here a line is intersected with a triangle's plane first;
-then the point is compared with the three edges in two dimensions, seen along the axis that the
-plane faces most. All doubles are integers over a common power of two, so that nothing is ever
-rounded.
-Conventions (CONVENTIONS.md): triangles are closed, a line that lies in a triangle's plane does not
-meet the triangle, the first s within the reach wins, and equal s is a tie.
+line of a pixel (`RayBundle`, `LineGrid`). Here a line is first intersected with a triangle's plane.
+The point is then projected along the axis of the normal's largest component, and tested against the
+three edges in two dimensions. All doubles are integers over a common power of two, so that nothing
+is ever rounded. Conventions (CONVENTIONS.md): triangles are closed, a line in a triangle's plane
+does not meet the triangle, the smallest s within the reach is the hit, and equal s is a tie.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ Ratio = tuple[int, int]  #: numerator and positive denominator
 BOX_MARGIN = 2.0**-40
 """Width added around every box, relative to the largest coordinate times 1 + the steepest slope.
 
-The bounds of a box are a difference of two coordinates and its product with a slope: at most 3
-roundings of 2^-53, each of a number no larger than twice that product. The margin is over a
-thousand times as wide."""
+The bounds of a box are a difference of two coordinates and the product of this difference with a
+slope. They have at most 3 roundings of 2^-53, each of a number no larger than twice the largest
+coordinate times 1 + the steepest slope. The margin is over a thousand times wider."""
 
 CHUNK_TRIANGLES = 1 << 13
 """Triangles compared with all rows at once; each needs a byte for every row and column."""
@@ -37,23 +36,23 @@ CHUNK_TRIANGLES = 1 << 13
 class ExactRows:
     """The first triangle on each line of some rows, decided without any rounding."""
 
-    #: (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
+    #: (rows, W) int32, in a tie the smallest number; `NOTHING` where a line meets no triangle
     triangle: Numbers
-    #: (rows, W) the double nearest to the exact s of the meeting point; NaN where there is none
+    #: (rows, W) the double nearest to the exact s of the hit; NaN where there is none
     s: Floats
-    #: (N, 3) row of the image, column and number of all triangles first together, sorted
+    #: (N, 3) image row, column and number of each triangle in a tie for the first hit, sorted
     ties: Indices
 
 
 def first_by_brute_force(triangles: Floats, bundle: RayBundle, rows: range) -> ExactRows:
-    """Decide in integers the first of the triangles (F, 3, 3) on every line of some rows."""
+    """Compute in integers the first of the triangles (F, 3, 3) on every line of these rows."""
     width = bundle.resolution[0]
     pixel, candidates, nearest = _boxes_met(triangles, bundle, rows)
     lines = _ExactLines(triangles, np.unique(candidates), bundle)
     triangle = np.full((len(rows), width), NOTHING, dtype=np.int32)
     s = np.full((len(rows), width), np.nan)
     ties: list[tuple[int, int, int]] = []
-    # Pairs are sorted by pixel; one pixel is decided after the other.
+    # Pairs are sorted by pixel, and the pixels are computed in turn.
     pixels, starts = np.unique(pixel, return_index=True)
     ends = np.append(starts, len(pixel))[1:]
     for number, start, end in zip(pixels.tolist(), starts.tolist(), ends.tolist(), strict=True):
@@ -68,9 +67,9 @@ def first_by_brute_force(triangles: Floats, bundle: RayBundle, rows: range) -> E
 
 
 def first_on_lines(triangles: Floats, lines: LineGrid) -> ExactRows:
-    """Decide in integers the first of the triangles (F, 3, 3) on every line of a grid.
+    """Compute in integers the first of the triangles (F, 3, 3) on every line of a grid.
 
-    Each line passes through a point of its own, and is decided alone.
+    Each line passes through its own point, and is computed by itself.
     """
     width, height = lines.resolution
     triangle = np.full((height, width), NOTHING, dtype=np.int32)
@@ -87,13 +86,14 @@ def first_on_lines(triangles: Floats, lines: LineGrid) -> ExactRows:
 def _boxes_met(
     triangles: Floats, bundle: RayBundle, rows: range
 ) -> tuple[Indices, Indices, Floats]:
-    """Return pairs (N,) of a pixel and a triangle that may meet, and a lower bound of s for each.
+    """Return pairs (N,) of a pixel and a triangle that it may hit, with a lower bound of s.
 
-    Pixels are numbered within these rows; pairs are sorted by pixel, then by this bound. A
-    point of the line has x - cx = s dx and s = cz - z. If it lies in a triangle, s lies between the
-    least and the largest s of the corners: s dx lies in the interval between these two times dx,
-    and x - cx in the interval of the corners. The two must overlap, for x and for y alike. Boxes
-    are widened by `BOX_MARGIN`, so that rounding loses no pair.
+    Pixels are numbered within these rows; pairs are sorted by pixel, then by this bound. A point of
+    the line has x - cx = s dx and s = cz - z. If this point lies in a triangle, s lies between the
+    smallest and the largest s of the corners, so that s dx lies between the products of these two
+    and dx. And x - cx lies between its smallest and largest value at the corners. These two
+    intervals must overlap, in x and in y. Boxes are widened by `BOX_MARGIN`, so that rounding loses
+    no pair.
     """
     center, slopes = np.asarray(bundle.center), (bundle.dx, bundle.dy[rows.start : rows.stop])
     steepest = max(np.abs(slope).max() for slope in slopes)
@@ -123,7 +123,7 @@ def _boxes_met(
 
 
 def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floats) -> Mask:
-    """Return where lines of slopes (N,) meet intervals (T,) of an axis in ranges of s, (T, N)."""
+    """Return (T, N) whether lines of slopes (N,) cross intervals (T,) within ranges of s (T,)."""
     low_s, high_s = (bound[:, None] * slopes for bound in s)
     low, high = (end[:, None] for end in ends)
     return np.asarray((np.minimum(low_s, high_s) <= high) & (np.maximum(low_s, high_s) >= low))
@@ -133,8 +133,9 @@ def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floa
 class _Plane:
     """A triangle relative to the center, in integers: the plane is normal . q = offset.
 
-    It is seen along an axis that it does not contain. In the other two, x and y, each edge has
-    coefficients (u, v, w): u y - v x - w is at least zero on the triangle's side of the edge.
+    It is projected along an axis that the plane does not contain. In the other two coordinates, x
+    and y, each edge has coefficients (u, v, w): u y - v x - w is at least zero on the triangle's
+    side of the edge.
     """
 
     normal: Integers
@@ -144,19 +145,18 @@ class _Plane:
 
     @classmethod
     def through(cls, corners: list[Integers]) -> _Plane | None:
-        """Return plane and edges of a triangle; None if it has no area: no line meets it."""
+        """Return plane and edges of a triangle; None if it has no area and no line meets it."""
         # Step 1: the normal, by the cross product of two edges.
         p0, p1, p2 = corners
         a, b = [(q[0] - p0[0], q[1] - p0[1], q[2] - p0[2]) for q in (p1, p2)]
         normal = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
         if not any(normal):
             return None
-        # Step 2: see the plane along the axis of the normal's largest component, which cannot be
-        # zero.
+        # Step 2: project along the axis of the normal's largest component, which is not zero.
         facing = max(range(3), key=lambda axis: abs(normal[axis]))
         x, y = (facing + 1) % 3, (facing + 2) % 3
-        # Step 3: go around the triangle counterclockwise as x and y see it. The corners' own order
-        # is counterclockwise where that component of the normal is positive.
+        # Step 3: order the edges counterclockwise in x and y. The order of the corners is
+        # counterclockwise if this component of the normal is positive.
         turns = (
             ((p0, p1), (p1, p2), (p2, p0)) if normal[facing] > 0 else ((p1, p0), (p2, p1), (p0, p2))
         )
@@ -164,21 +164,19 @@ class _Plane:
         for start, end in turns:
             u, v = end[x] - start[x], end[y] - start[y]
             edges.append((u, v, u * start[y] - v * start[x]))
-        # Step 4: the plane goes through the first corner.
+        # Step 4: compute the offset of the plane from the first corner.
         offset = normal[0] * p0[0] + normal[1] * p0[1] + normal[2] * p0[2]
         return cls(normal=normal, offset=offset, axes=(x, y), edges=tuple(edges))
 
     def met_by(self, d: Integers) -> Ratio | None:
         """Return the ratio s at which the line s d meets the triangle; None if it does not."""
-        # Step 1: the plane is met at s = offset / slope; slope zero is a line parallel to the
-        # plane.
+        # Step 1: the line meets the plane at s = offset / slope; it is parallel if slope is zero.
         slope = self.normal[0] * d[0] + self.normal[1] * d[1] + self.normal[2] * d[2]
         if slope == 0:
             return None
-        # Step 2: make the denominator positive, so that multiplying an inequality by it keeps its
-        # sense.
+        # Step 2: make the denominator positive, so that multiplying by it keeps inequalities.
         offset, slope = (self.offset, slope) if slope > 0 else (-self.offset, -slope)
-        # Step 3: slope times the meeting point, compared with slope times each edge's equation.
+        # Step 3: test slope times the point against slope times the equation of each edge.
         x, y = offset * d[self.axes[0]], offset * d[self.axes[1]]
         if any(u * y - v * x < w * slope for u, v, w in self.edges):
             return None
@@ -186,7 +184,7 @@ class _Plane:
 
 
 class _Integral:
-    """The scale 2**bits that turns some finite doubles into integers."""
+    """Scale 2**bits that converts a set of finite doubles to integers."""
 
     def __init__(self, values: Floats) -> None:
         denominators = {value.as_integer_ratio()[1] for value in np.unique(values).tolist()}
@@ -201,7 +199,7 @@ class _ExactLines:
     """Lines of a ray bundle, and the triangles (F, 3, 3) that they may meet, in integers."""
 
     def __init__(self, triangles: Floats, numbers: Indices, bundle: RayBundle) -> None:
-        # Lengths and slopes have scales of their own: each is a common power of two.
+        # Lengths have one scale and slopes another, each a power of two.
         corners = triangles[numbers]
         length = _Integral(np.concatenate((corners.ravel(), bundle.center, bundle.s_range)))
         slope = _Integral(np.concatenate((bundle.dx, bundle.dy)))
@@ -221,12 +219,12 @@ class _ExactLines:
     def first(
         self, row: int, column: int, pairs: list[tuple[int, float]]
     ) -> tuple[list[int], float]:
-        """Return the triangles met first, and the double nearest to their s; pairs ascend by s."""
+        """Return the triangles of the first hit and the double nearest to s; pairs ascend by s."""
         length_bits, slope_bits = self._bits
         d = (self._dx[column], self._dy[row], -(1 << slope_bits))
         winners, first, where = list[int](), (0, 1), float("nan")
         for number, bound in pairs:
-            # All further candidates lie behind the first one found.
+            # All further candidates lie behind the hit.
             if winners and bound > where:
                 break
             plane = self._planes[number]
@@ -236,7 +234,7 @@ class _ExactLines:
                 or not self._begin * met[1] <= met[0] << slope_bits <= self._end * met[1]
             ):
                 continue
-            # The sign of the difference of two ratios, multiplied by both positive denominators.
+            # Compare two ratios: multiplying by both positive denominators keeps the sign.
             ahead = met[0] * first[1] - first[0] * met[1]
             if not winners or ahead < 0:
                 # Python rounds a quotient of integers once, to the nearest double.

@@ -34,7 +34,7 @@ MAX_TASK_PIXELS = 1 << 13
 VIEW_PIXELS, QUICK_VIEW_PIXELS = 50_000, 1_600
 """Approximate numbers of pixels in each view of a scene.
 
-Hard cases keep the resolution at which their lines are aimed."""
+Hard cases keep their own resolution, because their geometry lies on the lines of its pixels."""
 
 APERTURE_SHARES = ((0.5, 0.5), (0.3, 0.7), (0.0, 0.0), (1.0, 1.0))
 """Apertures as shares of the columns and rows of a plate: middle, off center, two corners."""
@@ -51,7 +51,7 @@ DIRECTION_COUNTS = ("pixels", "open", "differing", "wrong")
 
 @dataclass(frozen=True, kw_only=True)
 class ViewCheck:
-    """The comparison of one image with the exact answer."""
+    """Comparison of one image with the exact results."""
 
     scene: str
     aperture: tuple[int, int]
@@ -63,17 +63,17 @@ class ViewCheck:
     ties: int
     wrong: int
     disagreements: tuple[Disagreement, ...]  #: the first few
-    tracer_wrong: int  #: pixels without a tie that the float32 tracer alone gets wrong
-    seconds: float  #: other processes work ahead meanwhile
+    tracer_wrong: int  #: pixels without a tie that the float32 tracer by itself gets wrong
+    seconds: float  #: wall time; other processes compute later views at the same time
 
 
 @dataclass(frozen=True, kw_only=True)
 class SphereCheck:
     """Lines from a sphere's center through its vertices and the middles of its edges.
 
-    Misses of the tracer are in float32. Wrong is a line that does not meet the right triangles: at
-    a vertex all its triangles and no others, at s = 1; in the middle of an edge one of its two
-    triangles or both.
+    The tracer's misses are counted for float32 lines. A line is wrong if it does not meet the right
+    triangles: at a vertex exactly the triangles that share the vertex, at s = 1; in the middle of
+    an edge at least one of the two triangles that share the edge.
     """
 
     triangles: int
@@ -129,9 +129,10 @@ def selfcheck(
 ) -> SelfCheck:
     """Compare the reference with exact brute force on every pixel of many images.
 
-    `names` are scene files or built-in scenes; none for all of them and the sphere. `quick` takes
-    smaller images and a coarser sphere. `processes` compute; None for one per processor, 1 for the
-    calling process. Raises InputError if there is no such scene, or it is a giant.
+    `names` are scene files or built-in scenes; if empty, all built-in scenes and the sphere are
+    checked. `quick` uses smaller images and a coarser sphere. `processes` is the number of worker
+    processes; None for one per processor, 1 for the calling process only. Raises InputError for an
+    unknown scene or one with too many triangles.
     """
     started = time.perf_counter()
     views = [view for name in names or default_names() for view in _views(name, quick)]
@@ -143,7 +144,8 @@ def selfcheck(
     compute: Compute = map if processes == 1 else pool.map
     try:
         with tqdm(total=pixels, unit="px", unit_scale=True, disable=not progress) as bar:
-            # All tasks are submitted at once: the other processes stay busy while this one traces.
+            # All tasks are submitted at once, so that the workers stay busy while this process
+            # traces.
             waiting = [(*view, _exact_rows(compute, *view[1:])) for view in views]
             first_of_scene = {view[0]: view for view in reversed(views)}
             directions = [
@@ -170,7 +172,7 @@ def default_names() -> list[str]:
 
 
 def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
-    """Yield the images of a scene or hard case that are checked, small enough for integers."""
+    """Yield the checked images of a scene or hard case, small enough for integer arithmetic."""
     case = hard_cases.CASES.get(name)
     if case is not None and case.giant:
         raise InputError(
@@ -178,8 +180,8 @@ def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
         )
     scene = case.build() if case else open_scene(name)
     if case is None:
-        # An odd number of columns has a middle one, whose lines have no slope in x: in symmetric
-        # scenes they run along edges.
+        # With an odd number of columns, the lines of the middle column have slope 0 in x. In
+        # symmetric scenes they run along edges.
         width, height = scene.frustum.resolution
         factor = sqrt((QUICK_VIEW_PIXELS if quick else VIEW_PIXELS) / (width * height))
         resolution = (max(1, round(width * factor)) | 1, max(1, round(height * factor)))
@@ -248,7 +250,7 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
     at_vertices, at_edges = (
         first_from_center(vertices[faces], lines) for lines in (vertices, middles)
     )
-    # Plate and frustum play no part for the tracer.
+    # The tracer does not use the plate and the frustum.
     scene = Scene(
         name="sphere",
         plate=Plate(size=(1.0, 1.0), hogels=(1, 1)),
@@ -256,8 +258,8 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
         objects=(SceneObject(name="sphere", vertices=vertices, faces=faces),),
     )
     tracer = EmbreeTracer(scene)
-    # Wrong are vertices at which a line meets other triangles than exactly theirs, or not at s = 1,
-    # and edges at the rounded middle of which it meets a triangle that is not the edge's own.
+    # A vertex is wrong if its line does not meet exactly the triangles around it, at s = 1. An edge
+    # is wrong if the line through its rounded middle meets a triangle without this edge.
     around: list[list[int]] = [[] for _ in vertices]
     for number, corners in enumerate(faces.tolist()):
         for vertex in corners:
@@ -285,8 +287,8 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
 
 
 def first_from_center(triangles: Floats, directions: Floats) -> FirstHits:
-    """Return the first surfaces along rays (N, 3) from the origin, at most two directions away."""
-    # The unit sphere is met at about 1.
+    """Return the first surfaces along rays (N, 3) from the origin, for t from 0 to 2."""
+    # Rays meet the unit sphere at about t = 1.
     ends = np.tile([0.0, 2.0], (len(directions), 1))
     return ExactMesh(triangles).first(
         RayBatch(origins=np.zeros_like(directions), directions=directions, ends=ends)
