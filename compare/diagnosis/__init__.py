@@ -1,7 +1,8 @@
 """Diagnosis of a foreign renderer: reading of its pixels, candidate models, and their test.
 
-`diagnosis.diagnose(test_set)` returns the findings. A discrete defect is an entry of
-`defects.HYPOTHESES`, a number a group of `compare.renderer_model.drawn_model.GROUPS`.
+`diagnosis.diagnose(test_set)` returns the findings. Discrete defects are entries of
+`defects.HYPOTHESES`; defects with numbers are groups of
+`compare.renderer_model.drawn_model.GROUPS`.
 
 | module | holds |
 | --- | --- |

@@ -13,16 +13,16 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-# Size of the triangle that stands for a claimed point, relative to the point's largest coordinate:
-# the rounding to float32, in which images store points.
+# Size of the triangle that represents a claimed point, relative to the point's largest coordinate:
+# the rounding of the float32 in which images store points.
 POINT_SIZE = 2.0**-24
 
-# Largest number of claims taken from one hogel, so that no hogel outvotes the others. Three hogels
+# Largest number of claims taken from one hogel, so that no hogel dominates the fit. Three hogels
 # give more than `MAX_BOUNDING_CLAIMS`.
 MAX_HOGEL_CLAIMS = 6000
 
-# Smallest depth, as a fraction of near, at which a camera counts as seeing a surface: halfway
-# between the near plane, where drawing ends, and the camera, where projection ends.
+# Smallest depth of a visible surface, as a fraction of near: halfway between the near plane, where
+# drawing begins, and the camera, where projection is undefined.
 MIN_DEPTH_PER_NEAR = 0.5
 
 
@@ -30,12 +30,12 @@ MIN_DEPTH_PER_NEAR = 0.5
 class PixelClaims:
     """Pixels and the triangles that they claim to show.
 
-    Small triangles represent claimed points, which lie in the renderer's moved or scaled scene;
-    claimed triangles lie in the nominal scene.
+    Small triangles represent claimed points. Claimed points are in the renderer's scene, which may
+    be moved or scaled; claimed triangles are in the nominal scene.
     """
 
     scene: Scene
-    hogel: Indices  # (N, 2) column and row of the aperture that the file is named after
+    hogel: Indices  # (N, 2) column and row of the aperture in the file's name
     pixel: Indices  # (N, 2) column and row of the pixel in the file
     corners: Floats  # (N, 3, 3) corners of the triangles, scene units
     of_points: bool
@@ -45,7 +45,7 @@ class PixelClaims:
         return len(self.hogel)
 
     def chosen(self, index: Indices | Mask) -> PixelClaims:
-        """Return some of the claims."""
+        """Return the claims at these indices."""
         names = ("hogel", "pixel", "corners")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
@@ -58,7 +58,7 @@ class PixelClaims:
 
 
 def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
-    """Collect the claims of images at the outlines of triangles, where small moves show.
+    """Collect the claims of images at the outlines of triangles, which reveal small displacements.
 
     If an image names no triangles, its surface points are the claims.
     """
@@ -103,10 +103,10 @@ def outside_px(claims: PixelClaims, model: RendererModel, cap: float) -> Floats:
 
 
 def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats]:
-    """Return signed distances of pixel centers from their triangles' edges, and outside.
+    """Return distances of pixel centers from their triangles' edges, and from their triangles.
 
-    The first, (2, N, 3) px, are positive inside, in C's projection and in C*'s; the second, (2, N),
-    infinite behind the camera.
+    Both are in px, for the projections of C and of C*. The first, (2, N, 3), are signed and
+    positive inside. The second, (2, N), are 0 inside, and infinite behind the camera.
     """
     scene, (width, height) = claims.scene, claims.scene.frustum.resolution
     (columns, rows), (sx, sy) = scene.plate.hogels, scene.plate.size
@@ -114,19 +114,19 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
     apertures = (column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows
     column, row = model.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], (width, height))
     u, v = (2 * column + 1) / width - 1, 1 - (2 * row + 1) / height
-    # Coordinate and corner come first, the claim last: all below is whole arrays.
+    # Axes are coordinate, corner, claim, so that all operations below are on whole arrays.
     (px, py, z), following = claims.corners.transpose(2, 1, 0), [1, 2, 0]
     two = [Aperture(column=0, row=0, x=place, y=place) for place in (0.0, 1.0)]
     distances, outsides = [], []
     distance = depth = np.empty(0)
     for side in (1, -1):
         if side < 0 and model.one_pencil:
-            # The same lines in the opposite direction: homogeneous coordinates change their sign.
+            # C* has the same lines in the opposite direction: homogeneous coordinates change sign.
             distance, depth = -distance, -depth
         else:
             # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a ray
-            # bundle are affine in the aperture's position along the same axis: two bundles
-            # determine all.
+            # bundle are affine functions of the aperture's position along the same axis, so that
+            # two bundles determine all bundles.
             entry, other = (model.bundle(scene, aperture, side) for aperture in two)
             w = side * (entry.center[2] - z)
             x, y = (
@@ -137,8 +137,8 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
                     strict=True,
                 )
             )
-            # Step 2: the three edges as lines on the film, by cross products of corners; `values`
-            # is each line's equation at the pixel's center, and `volume` the determinant of the
+            # Step 2: the three edges as lines on the film, by cross products of corners. `values`
+            # are the line equations at the pixel's center, `volume` is the determinant of the
             # corners.
             line_x = y * w[following] - w * y[following]
             line_y = w * x[following] - x * w[following]
@@ -147,8 +147,8 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
             values = line_x * across + line_y * up + line_1
             volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
             # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's
-            # plane at the point follows from the same quantities. The determinant's sign marks the
-            # inside.
+            # plane at the point follows from the same quantities. Multiply by the sign of the
+            # determinant, so that distances are positive inside.
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
                 depth = volume / values.sum(axis=0) * model.scene_scale

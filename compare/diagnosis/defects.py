@@ -1,9 +1,10 @@
 """Defects of a renderer: records of codes and numbers, and the table of discrete defects.
 
-A `Hypothesis` states which fields of `RendererModel` differ. Each is tried on the images by itself
-(`enumeration.compositions`), and recognized again in a candidate (`hypotheses_in`). Defects with
-numbers are the groups of `xfrustum.compare.renderer_model.drawn_model`. Sentences about defects are
-made in `xfrustum.reports.verification.words`.
+A `Hypothesis` holds the fields of `RendererModel` that a discrete defect changes. Each hypothesis
+is tested on the images by itself (`enumeration.compositions`); `hypotheses_in` lists the hypotheses
+that hold in a candidate model. Defects with numbers are the groups of
+`xfrustum.compare.renderer_model.drawn_model`. `xfrustum.reports.verification.words` makes the
+sentences about defects.
 """
 
 import math
@@ -43,27 +44,27 @@ OBJECT_MISSING, STALE, EXCHANGED = "object-missing", "stale-hogel", "hogels-exch
 MISTAKEN_UNITS = tuple(
     factor for ratio in (10.0, 25.4, 2.54, 100.0, 1000.0) for factor in (ratio, 1 / ratio)
 )
-"""Factors by which common mistakes of units enlarge a scene."""
+"""Factors by which common unit mistakes scale a scene."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Defect:
-    """Difference between a renderer and its nominal model, in codes and numbers."""
+    """Difference between a renderer and its nominal model, as codes and numbers."""
 
     fault: str  #: name, a code of `verify --json`
     value: float | str  #: size of the defect as a number, or a code
     low: float | None = None  #: ends of the interval of a number; None if unknown
     high: float | None = None
     unit: str | None = None  #: unit of `value`, `low` and `high`; None for codes
-    alternatives: tuple[str, ...] = ()  #: names of defects that show the same images, or nearly so
+    alternatives: tuple[str, ...] = ()  #: names of defects with (nearly) the same images
     explains: float | None = None  #: share of the wrong pixels that the whole diagnosis explains
-    stated: float | str | None = None  #: nominal value, if the sentence states it
-    #: other values that show the same images, or codes that the sentence states
+    stated: float | str | None = None  #: nominal value, if the report prints it
+    #: other values that produce the same images, or codes that the report prints
     details: tuple[str, ...] = ()
-    #: hogels that show images of other apertures, and these apertures: several if their images are
+    #: hogels that show images of other apertures, with these apertures; several if their images are
     #: equal
     hogels: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
-    refuted: bool = False  #: whether hogels fail after correction for it
+    refuted: bool = False  #: whether hogels fail after correction for this defect
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Hypothesis:
     fields: Mapping[str, Any] = field(hash=False)
 
     def of(self, model: RendererModel) -> RendererModel:
-        """Return a candidate with this defect."""
+        """Return a model with this defect."""
         fields = dict(self.fields)
         if "one_camera" in fields:
             fields["one_camera"] = replace(fields["one_camera"], other_near=model.near)
@@ -99,7 +100,7 @@ SHADINGS = (
     FLAT,
     Hypothesis("inverted-normals", "inverted", {"normals": Normals.INVERTED}),
 )
-"""Defects of shading, which only colors show."""
+"""Defects of shading, which are visible only in colors."""
 
 HYPOTHESES = (
     Hypothesis("front-missing", "missing", {"front": Front.MISSING}),
@@ -115,13 +116,13 @@ HYPOTHESES = (
     *map(_flipped, FLIPPED),
     *SHADINGS,
 )
-"""All of them; where some show the same images, the first is named first."""
+"""All discrete defects; of defects that produce the same images, the first is reported first."""
 
 
 def hypotheses_in(model: RendererModel) -> list[Hypothesis]:
-    """Return the discrete defects of a candidate."""
+    """Return the discrete defects of a model."""
     camera = model.one_camera
-    # The near offset of the right camera is not a defect.
+    # The near offset of the correct camera is not a defect.
     plain = replace(model, one_camera=camera and replace(camera, other_near=0.0))
     return [
         hypothesis
@@ -133,8 +134,8 @@ def hypotheses_in(model: RendererModel) -> list[Hypothesis]:
 def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[Defect, ...]:
     """Return the differences between a candidate and the nominal model.
 
-    A number is a defect if its interval leaves out the nominal value, and if it is large enough to
-    have a name.
+    A number is a defect if its interval excludes the nominal value, and its deviation is large
+    enough to be reported (`smallest_named`).
     """
     model, names = fit.model, [_names(scene, nominal, other) for other in fit.alternatives]
     defects = []
@@ -179,7 +180,7 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
 
 
 def _of_hogels(model: RendererModel) -> Iterator[Defect]:
-    """Yield the defects of hogels with another hogel's image: exchanged in pairs, else stale."""
+    """Yield the defects of hogels that show another image: exchanged pairs, else stale hogels."""
     first = {index: others[0] for index, others in model.shows}
     pairs = {index for index, other in first.items() if first.get(other) == index}
     for name, chosen in ((STALE, first.keys() - pairs), (EXCHANGED, pairs)):
@@ -189,12 +190,12 @@ def _of_hogels(model: RendererModel) -> Iterator[Defect]:
 
 
 def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return the names of all alternatives that lack a name."""
+    """Return the names in all alternatives that do not contain `name`."""
     return tuple(dict.fromkeys(other for of in names if name not in of for other in of))
 
 
 def one_camera_name(name: str, model: RendererModel) -> str:
-    """Return the name of a candidate's number; it begins with the half if one camera is off."""
+    """Return the name of a number; if only one camera deviates, it begins with the half."""
     camera = model.one_camera
     if camera is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
         return name
@@ -206,7 +207,7 @@ def _shear_name(recentering: Recentering) -> str:
 
 
 def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[str]:
-    """Return the names of a candidate's defects in shear, mirrored films and numbers."""
+    """Return the names of a model's defects of shear, mirrored films and numbers."""
     off = np.abs(model.parameters - nominal.parameters) > smallest_named(scene)
     names = [] if model.recentering is nominal.recentering else [_shear_name(model.recentering)]
     names += [
@@ -216,7 +217,7 @@ def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[s
 
 
 def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator[Defect]:
-    """Yield the defects of numbers that are off, with their intervals."""
+    """Yield the defects of numbers that deviate from nominal, with intervals."""
     values, stated, screen = fit.model.parameters, nominal.parameters, scene.frustum.screen
     off = np.abs(values - stated) > smallest_named(scene)
     odd = np.flatnonzero(off & ~((fit.low <= stated) & (stated <= fit.high)))
@@ -226,7 +227,7 @@ def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator
     for place, own in zip(odd.tolist(), named, strict=True):
         name, unit = FAULT_NAMES[place], units.get(KINDS[place], scene.units)
         numbers = np.array([entry[place] for entry in (values, stated, fit.low, fit.high)])
-        # Places of screens are stated in scene units, other numbers unchanged.
+        # Screen positions are converted to scene units; other numbers are unchanged.
         if screen is not None and name == "screen-height":
             numbers, unit = screen.height * numbers, scene.units
         elif screen is not None and name.startswith("screen-center"):
@@ -250,7 +251,7 @@ def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator
 
 
 def _instead(own: str, names: Sequence[str]) -> Sequence[str]:
-    """Return names that can replace a number: ratios for a ratio, the same axis for a length."""
+    """Return possible substitutes of a number: ratios for a ratio, lengths along the same axis."""
     alike = [name for name in names if _is_ratio(name) == _is_ratio(own)] or names
     axis = axis_of(own)
     return [name for name in alike if not axis or axis_of(name) in ("", axis)] or alike

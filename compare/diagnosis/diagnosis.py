@@ -1,8 +1,8 @@
 """Diagnosis of a renderer: reading of its pixels, candidate models, and their test.
 
 `diagnose` decodes the images, compares them with the nominal model and, if pixels are wrong,
-enumerates, fits and tests candidates. A candidate becomes the diagnosis only if it explains the
-wrong pixels of the test set; `with_correction_tested` demands the same for all judged hogels.
+enumerates, fits and tests candidate models. A candidate becomes the diagnosis only if it explains
+the wrong pixels of the test set. `with_correction_tested` requires the same of all judged hogels.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import OTHER_FIELDS, Recentering, RendererModel
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
-# Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted
-# and the two symmetries.
+# Smallest number of claims for a fit of geometry: several for each of the fitted numbers and the
+# two symmetries.
 MIN_FITTED_CLAIMS = 100
 
-# Largest number of camera defects that is accepted without trying other axes, because pictures and
-# hogels in another order also look like two defects.
+# Largest number of camera defects that is accepted without trying other axes: two may really be an
+# orientation and an order of hogels.
 MAX_CAMERA_DEFECTS = 2
 
-# Factors of the shear of views that are tried first, then relative changes of the best factor.
-# Neighbors differ by one percent, by which a picture moves less than by a pixel where views have a
-# hundred pixels. Last, the cap on a claim's failure, in pixels: claims under wrong factors fail by
-# any distance.
+# Factors of the shear of views for a coarse search, then relative changes of the best factor for a
+# fine search. Neighboring factors differ by one percent, which moves a picture of a hundred pixels
+# by less than a pixel. The last constant caps the failure of a claim, in pixels, because claims
+# under wrong factors fail by any distance.
 TRIED_VIEW_SHEARS, FINER_STEPS = np.geomspace(0.4, 2.5, 185), np.linspace(-0.015, 0.015, 61)
 VIEW_SHEAR_CAP_PX = 4.0
 
@@ -59,7 +59,7 @@ VIEW_SHEAR_CAP_PX = 4.0
 class Basis(StrEnum):
     """Method of a diagnosis."""
 
-    NOTHING = "nothing"  # no hogel shows enough of the scene
+    NOTHING = "nothing"  # no hogel shows enough of the scene for a diagnosis
     RIGHT = "right"  # no pixel of the tested hogels is wrong
     CLAIMS = "claims"  # a fit to the triangles or points that pixels claim
     COLORS = "colors"  # registration of pictures by their colors
@@ -68,7 +68,7 @@ class Basis(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Extent of the images that a diagnosis rests on."""
+    """Extent of the images on which a diagnosis is based."""
 
     basis: Basis = Basis.NOTHING
     hogels: int = 0  #: number of hogels that were used
@@ -93,10 +93,10 @@ class Diagnosis:
 
     model: RendererModel  #: candidate that explains the images, else the nominal model
     faults: tuple[Defect, ...] = ()  #: differences from the nominal model
-    #: defects of the best candidate that explains too little
+    #: defects of the best candidate, if it explains too little
     does_not_explain: tuple[Defect, ...] = ()
     evidence: Evidence = Evidence()
-    #: reason, over all judged hogels, why the defects are only a guess
+    #: judged hogels that contradict the defects, which are then only a guess
     refutation: Refutation | None = None
 
     @property
@@ -109,9 +109,9 @@ class Diagnosis:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """Reading of a renderer's images, their diagnosis under it, and the rules of judgment.
+    """Reading of a renderer's images, diagnosis with this reading, and rules of judgment.
 
-    The defects of the diagnosis include the reading's.
+    The defects of the diagnosis include the defects of the reading.
     """
 
     encoding: FoundEncoding
@@ -120,28 +120,29 @@ class Findings:
 
 
 def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
-    """Find the reading of a renderer's images and the model by which it draws.
+    """Determine the reading of a renderer's images and the model of the renderer.
 
-    A reading is tested together with the diagnosis of the images in it: together they must explain
-    `MIN_EXPLAINED_FRACTION` of the pixels that are wrong as stated. Hogels that were assembled from
-    views (`of_views`) may have another shear.
+    The reading is the interpretation of stored pixels: encoding, channels, transfer. A reading and
+    the diagnosis of the images decoded with it are tested together: they must explain
+    `MIN_EXPLAINED_FRACTION` of the pixels that are wrong under the author's statements. Hogels
+    assembled from views (`of_views`) may have another shear.
     """
     reference, nominal, judging = test.reference, test.nominal, test.judging
     if of_views and (sheared := _with_view_shear(test)) is not None:
         return Findings(encoding=FoundEncoding(), diagnosis=sheared, judging=judging)
-    # Step 1: the stated reading, where no other one is found.
+    # Step 1: use the stated reading if no other reading fits better.
     stated: Diagnosis | None = None
     encoding = find_encoding(reference, test.images, nominal)
     if not encoding.faults:
         stated = diagnosis_of(test)
-        # Colors are read through another curve only if nothing else explains them.
+        # Another transfer curve is tried only if nothing else explains the colors.
         by_color = judging.compared is Compared.COLOR
         if not stated.faults and by_color and test.wrong(nominal):
             encoding = find_transfer(reference, test.images)
         if not encoding.faults:
             return Findings(encoding=encoding, diagnosis=stated, judging=judging)
-    # Step 2: the other reading, with the diagnosis of the images under it. Where numbers were
-    # stated and colors are stored, shading was not stated: only geometry counts.
+    # Step 2: use the other reading, and diagnose the images decoded with it. If the author stated
+    # numbers and the files hold colors, shading was not specified, so that only geometry counts.
     if encoding.as_colors:
         judging = replace(judging, compared=Compared.GEOMETRY)
     if encoding.reading is not None:
@@ -154,17 +155,17 @@ def diagnose(test: TestSet, *, of_views: bool = False) -> Findings:
     if share >= MIN_EXPLAINED_FRACTION:
         diagnosis = replace(diagnosis, faults=faults)
         return Findings(encoding=encoding, diagnosis=diagnosis, judging=judging)
-    # Step 3: if the reading explains too little, it becomes a guess.
+    # Step 3: if the other reading explains too little, it becomes a guess.
     diagnosis = stated or diagnosis_of(test)
     diagnosis = replace(diagnosis, does_not_explain=(*faults, *diagnosis.does_not_explain))
     return Findings(encoding=FoundEncoding(), diagnosis=diagnosis, judging=test.judging)
 
 
 def diagnosis_of(test: TestSet) -> Diagnosis:
-    """Find the model of a renderer whose pixels are read as stated."""
+    """Diagnose a renderer whose pixels have the stated encoding."""
     nominal = test.nominal
     if test.images and not any(test.of([image]).wrong(nominal) for image in test.images):
-        # Nothing needs an explanation: a slightly better candidate would fit noise.
+        # No pixel is wrong: a slightly better candidate would fit noise.
         evidence = Evidence(basis=Basis.RIGHT, hogels=len(test.tested))
         return _with_shading(test, Diagnosis(model=nominal, evidence=evidence))
     return _with_shading(test, _with_lens(test, _of_wrong(test)))
@@ -173,18 +174,18 @@ def diagnosis_of(test: TestSet) -> Diagnosis:
 def declared(
     nominal: RendererModel, diagnosis: RendererModel, accepted: Sequence[str]
 ) -> RendererModel:
-    """Return the nominal model with the accepted conventions of the diagnosed one."""
+    """Return the nominal model with the accepted conventions of the diagnosed model."""
     assert set(accepted) <= set(CONVENTIONS)
     also = ("pivot", "fit") if "near" in accepted else ()
     return replace(nominal, **{name: getattr(diagnosis, name) for name in (*accepted, *also)})
 
 
 def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Diagnosis:
-    """Return a diagnosis whose defects are named only if all hogels pass when corrected for them.
+    """Return a diagnosis that keeps its defects only if all hogels pass after correction for them.
 
-    A diagnosis is based on the differing pixels of some hogels; the verdict judges all hogels by
-    the limits, before and after correction. Defects that leave any hogel wrong become guesses,
-    which state the share of the wrong pixels of all judged hogels that they explain.
+    A diagnosis is based on the wrong pixels of some hogels. The verdict applies the limits to all
+    hogels, before and after correction. If a hogel still fails, the defects become guesses, with
+    the share of the wrong pixels of all judged hogels that they explain.
     """
     judged = [hogel for hogel in hogels if hogel.as_found and hogel.corrected]
     failed = tuple(hogel.aperture.index for hogel in judged if not hogel.mended)
@@ -195,7 +196,7 @@ def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Dia
         assert hogel.as_found is not None and hogel.corrected is not None
         before += hogel.as_found.all_wrong
         after += hogel.corrected.all_wrong
-        # If nothing could be wrong after a correction, the correction explains nothing.
+        # If no pixel can be judged after correction, the correction explains no pixel.
         left += hogel.as_found.all_wrong if hogel.corrected.blind else hogel.left
     share = max(0.0, 1.0 - left / before) if before else 0.0
     refuted = (replace(defect, explains=share, refuted=True) for defect in diagnosis.faults)
@@ -212,32 +213,31 @@ def _explaining(defects: Iterable[Defect], share: float | None) -> tuple[Defect,
 
 
 def _of_wrong(test: TestSet) -> Diagnosis:
-    """Find the model of a renderer with some wrong images."""
-    # Step 1: fit conventions and geometry, and leave out the hogels that the fit calls spoiled.
+    """Diagnose a renderer with wrong pixels."""
+    # Step 1: fit conventions and geometry, and leave out hogels that contradict the fit (spoiled).
     nominal, whole = test.nominal, test
     fit, evidence = _fitted(test)
     kept = [image for image in test.images if image.camera.aperture.index not in fit.spoiled]
     test = test.of(kept)
-    # Step 2: the candidate that explains most, and the test whether it explains enough and spoils
-    # nothing.
+    # Step 2: select the candidate that explains most, and test that it explains enough wrong pixels
+    # and makes few right pixels wrong.
     best = _best(test, fit)
     faults, share = _named(test, best), test.share(best.model)
     explains = share is None or (share >= MIN_EXPLAINED_FRACTION and test.spares(best.model))
     diagnosis = Diagnosis(model=nominal, evidence=evidence)
     if not (explains and (faults or share is None)):
-        # No candidate explains enough: report the best fit as doubtful, although fewer defects may
+        # No candidate explains enough: report the best fit as a guess, even if fewer defects
         # suffice.
         diagnosis = replace(diagnosis, does_not_explain=faults or _named(test, fit))
     elif share is not None and test.pays(best.model):
         diagnosis = replace(diagnosis, model=best.model, faults=faults)
-    # else the wrong pixels have causes that are no defect, and need no other model
-    # Step 3: other axes, where something is left to explain, or where they alone may make the
-    # pictures that several mistakes of cameras make together; single hogels and objects, where
-    # something is left.
+    # else the wrong pixels have causes that are not defects (rounding), and need no other model
+    # Step 3: try other axes, single hogels and missing objects if wrong pixels remain. Try other
+    # axes also in place of several camera defects, which may produce the same pictures.
     starts = [best] if diagnosis.faults else [GeometryFit.exact(nominal), best]
     if whole.leaves_outliers(diagnosis.model):
         hogels, objects = with_other_hogels(whole, starts), without_objects(whole, starts)
-        # Try one mistake that turns everything before trying missing objects.
+        # Exchanged axes, one mistake that explains everything, are tried before missing objects.
         candidates = chain(hogels, with_axes(whole, starts[0]), objects)
         return _with_other_defects(whole, candidates, diagnosis)
     if len(diagnosis.faults) > MAX_CAMERA_DEFECTS:
@@ -268,16 +268,16 @@ def _fitted(test: TestSet) -> tuple[GeometryFit, Evidence]:
 def _with_other_defects(
     test: TestSet, candidates: Iterable[GeometryFit], diagnosis: Diagnosis
 ) -> Diagnosis:
-    """Return a diagnosis with defects of scene or hogels that explain more, or need fewer."""
+    """Return a diagnosis with defects of scene or hogels, if these explain more or are fewer."""
     for fit in candidates:
         others = {name: getattr(fit.model, name) for name in OTHER_FIELDS}
         model, named = replace(test.reduced(fit.model), **others), dict(fit.model.shows)
-        # Hogels that a defect names singly must also be explained singly.
+        # Hogels that a defect names must also be explained by themselves.
         odd = [image for image in test.images if image.camera.aperture.index in named]
         of_named = test.of(odd) if odd else test
         if not (test.explains(model) and test.spares(model) and of_named.explains(model)):
             continue
-        # A misled fit has intervals that are too wide, and would drop numbers that improve the
+        # The intervals of a failed fit are too wide, and would hide numbers that improve the
         # explanation.
         known = fit if fit.holds else fit.unbounded(test.nominal)
         faults = _named(of_named, replace(known, model=model, alternatives=()))
@@ -290,14 +290,14 @@ def _with_other_defects(
 
 
 def _with_lens(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with pixels at equal angles if only these explain the pictures.
+    """Return a diagnosis with pixels at equal angles if only this explains the pictures.
 
     Images that name triangles are left out: `fit_geometry` has tried equal angles on them.
     """
     nominal, named = test.nominal, any((i.triangle != NOTHING).any() for i in test.images)
     if diagnosis.faults or named or not test.images or not test.wrong(nominal):
         return diagnosis
-    # A few hogels choose the lens, and all hogels test it.
+    # A few hogels select the lens, and all hogels test it.
     few = test.few()
     model = min((replace(nominal, film=film) for film in LENSES), key=few.wrong)
     if not (test.explains(model) and test.spares(model) and test.pays(model)):
@@ -307,9 +307,9 @@ def _with_lens(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _with_shading(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis that names the shading of images that have both numbers and colors.
+    """Return a diagnosis that includes defects of shading, for images with colors.
 
-    Numbers of surfaces do not depend on light: colors are tested separately.
+    Surface numbers do not depend on light, so that colors are tested separately.
     """
     pictures = [image for image in test.images if image.color is not None]
     if not pictures or not diagnosis.model.plain or {*SHADINGS} & {*hypotheses_in(diagnosis.model)}:
@@ -329,7 +329,7 @@ def _with_shading(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _claims(test: TestSet) -> tuple[PixelClaims | None, int]:
-    """Return the claims of images, if enough for a fit, and the number of images with claims."""
+    """Return the claims of images, None if too few for a fit, and the number of claiming images."""
 
     def claiming(image: HogelImage) -> bool:
         named = (image.triangle != NOTHING).any()
@@ -347,32 +347,34 @@ def _named(test: TestSet, fit: GeometryFit) -> tuple[Defect, ...]:
 
 
 def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
-    """Return the candidate that explains most wrong pixels, without needless defects."""
-    # Step 1: the fitted candidate, with the halves put together as the images have them.
+    """Return the candidate that explains most wrong pixels, without superfluous defects."""
+    # Step 1: the fitted candidate, with the composition of halves that fits the images.
     nominal, recentered = test.nominal, test.reference.scene.frustum.recentered
     model, *others = compositions(test, fit.model)
     if model.one_camera is not None and model.orientation != nominal.orientation:
-        # Turning the picture, and one half back, equals turning only the other half.
+        # Turning the picture and turning one half back is equivalent to turning only the other
+        # half.
         turned, *rest = compositions(test, replace(fit.model, orientation=nominal.orientation))
         if test.explains(turned):
             model, others = turned, rest
     shears = [shear for shear in Recentering if recentered and shear != nominal.recentering]
     if model != fit.model:
-        # A half that a wrong shear moves off the film is not missing.
+        # A half that seems to be missing may have been moved off the film by a wrong shear.
         sheared = (replace(fit.model, recentering=shear) for shear in shears)
         model = next(filter(test.explains, sheared), model)
     if test.explains(model):
         also = (*fit.alternatives, *others, *equivalents(test, model, by_depth=fit.by_color))
         return replace(fit, model=model, alternatives=also)
-    # Step 2: its alternatives. Claims hold equally under them, but the reach may cut them
+    # Step 2: alternatives of the fit. The same claims hold, but the reach may cut surfaces
     # differently.
     best = next(filter(test.explains, fit.alternatives), None)
     others = [fit.model, *(other for other in fit.alternatives if other != best)]
     if best is None:
-        # Step 3: nominal numbers and gross mistakes, because other defects may have misled the fit.
+        # Step 3: nominal numbers and gross mistakes, because other defects may have distorted the
+        # fit.
         best = test.reduced(min(_unfitted(test, fit, model, shears), key=test.wrong))
         others = equivalents(test, best)
-    # Only nominal numbers, and numbers fitted with the same shear and cameras, have known bounds.
+    # Only nominal numbers, and numbers fitted with the same shear and cameras, have intervals.
     same = (best.recentering, best.one_camera) == (fit.model.recentering, fit.model.one_camera)
     values = best.parameters
     known = np.where(same & (values == fit.model.parameters), (fit.low, fit.high), np.nan)
@@ -392,30 +394,31 @@ def _unfitted(
     if test.explains(plain):
         return tried
     if test.infeasible:
-        # If too little is visible for a fit, orientation and order may be wrong as well.
+        # Most pixels are wrong, so that the fitted orientation and order may be wrong as well.
         halves = {name: getattr(nominal, name) for name in ("front", "overlaid", "culled")}
         for way in (nominal, replace(plain, **halves)):
             for size in (replace(way, scene_scale=factor) for factor in MISTAKEN_UNITS):
                 tried += [size, *equivalents(test, size)]
     if fit.by_color:
-        # Registration makes pictures larger, as a near offset does at one depth only.
+        # Registration scales the whole picture. A near offset scales it only at one depth.
         tried.append(compositions(test, with_near(test, model))[0])
         if nominal not in (model, plain):
-            # If only one half is mirrored, registration may have turned the picture to fit it.
+            # If only one half is mirrored, registration may have turned the picture to fit this
+            # half.
             tried.append(compositions(test, nominal)[0])
-        # Registration moves and enlarges pictures, but it shears all of them equally.
+        # Registration shifts and scales all pictures equally, so that it misses a wrong shear.
         ways = dict.fromkeys((plain, nominal))
         tried += [replace(way, recentering=shear) for way in ways for shear in sorted(shears)]
     return tried
 
 
 def _with_view_shear(test: TestSet) -> Diagnosis | None:
-    """Return a diagnosis that names the shear of views where it explains the wrong pixels.
+    """Return a diagnosis with a wrong shear of views, if this explains the wrong pixels.
 
-    An eye at height d sees the plate through a sheared frustum. A renderer that shears its views by
-    a factor f of the plate's need registers them at height d (1 - 1/f): there, and not in the
-    plate, the lines of one hogel meet. Seen from that plane it shows a plate 1/f times as wide,
-    under a screen 1/f times as high. This one number replaces three groups of the fit.
+    An eye at height d sees the plate through a sheared frustum. If a renderer multiplies the
+    correct shear of its views by f, the lines of one hogel meet at height d (1 - 1/f) and not in
+    the plate. Relative to this height, the renderer has a plate 1/f times as wide and a screen 1/f
+    times as high. The single number f replaces three groups of the fit.
     """
     scene, nominal = test.reference.scene, test.nominal
     screen, (claims, claiming) = scene.frustum.screen, _claims(test)
@@ -428,8 +431,7 @@ def _with_view_shear(test: TestSet) -> Diagnosis | None:
         return replace(
             nominal,
             scene_offset=(0.0, 0.0, offset),
-            # The renderer's views end where the scene's do, not about the plane of
-            # registration.
+            # The reach of the views is relative to the plate, not to the plane where lines meet.
             reach=(max(viewer + offset, 0.0), max(back - offset, 0.0)),
             pitch=(nominal.pitch[0] / factor, nominal.pitch[1] / factor),
             screen_height=1 / factor,

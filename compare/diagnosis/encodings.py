@@ -1,8 +1,9 @@
-"""Decoding of stored pixels, found by trying other readings and comparing with the scene.
+"""Search for the encoding of stored pixels, by testing alternative readings against the scene.
 
-Numbers of triangles are judged by their claims (`xfrustum.compare.diagnosis.geometry_fit`), which
-do not depend on occlusion. Other readings are compared with the stored truth, and with damage of
-it. Another reading is a finding only if it holds and the stated reading fails.
+A reading maps stored bytes to numbers or colors. Triangle numbers are tested by their claims
+(`xfrustum.compare.diagnosis.geometry_fit`), which do not depend on occlusion. Other readings are
+compared with the truth as it would be stored, undamaged or damaged. Another reading is a finding
+only if it fits and the stated reading does not.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from xfrustum.scenes.files.foreign_images import (
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
-# Colors are stored through another curve than was stated; the last name stands for other curves.
+# Defects of colors stored with another curve than stated; the last name is for all other curves.
 SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB = "srgb-read-as-linear", "linear-read-as-srgb"
 GAMMA, WRONG_TRANSFER = "gamma", "wrong-transfer"
 WRONG_ENCODING, RESTARTING = "wrong-encoding", "numbers-restarting"
@@ -55,66 +56,66 @@ ENCODING_FAULTS = (
     *TRANSFER_FAULTS,
     *(OVERFLOW, RESTARTING, RESAMPLED, LOSSY),
 )
-"""Names of the defects; after the last four numbers are lost."""
+"""Names of the defects; the last four lose numbers."""
 
 TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 
-# Damage that loses only number 0, which is stored like no surface; not a defect by itself.
+# Damage that loses only number 0, because it is stored as no surface is; not a defect by itself.
 FIRST_NUMBER = "first"
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
-# Orders of the channels, RGB first, then OpenCV's BGR. If several give the same images, the
-# earliest is named first.
+# Channel orders, RGB first, then OpenCV's BGR. If several give the same images, the earliest is
+# reported first.
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 
-# Largest mean distance by which the claims of a right reading fail: about 20 times that by which
-# rasterizers snap edges (`geometry_fit.SNAP_PX`). A pixel off, even claims at the other side of a
-# triangle fail. One claim counts with the cap at most, as does a triangle that does not exist.
+# Mean distances by which claims fail. For a correct reading, at most 20 times the distance by which
+# rasterizers snap edges (`geometry_fit.SNAP_PX`). For a failed reading at least a pixel, at which
+# claims on both sides of a triangle fail. A single claim counts at most the cap, as does a triangle
+# number that does not exist.
 MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
-# Smallest ratio of the stated reading's misfit to a better one's. Most wrong numbers
-# belong to a triangle within a pixel or two, so that even a wrong reading has a small misfit on a
-# fine mesh; but the errors of the right reading are only rounding.
+# Smallest ratio of the misfit of the stated reading to the misfit of a better reading. On a fine
+# mesh even a wrong reading has a small misfit, because most wrong numbers belong to a triangle
+# within a pixel or two. The errors of the correct reading are only rounding.
 MIN_IMPROVEMENT = 4.0
 
-# Smallest share of the stored integers that name something in the scene under a right reading; one
-# in a hundred may be damaged.
+# Smallest share of stored integers that exist in the scene, for a correct reading: one in a hundred
+# may be damaged.
 MIN_VALID_FRACTION = 0.99
 
-# Smallest number of claims that distinguish readings; numbers of claims and of hogels, and
-# rows and columns of each, with more of which the same reading or damage is found; near offsets
-# that are tried, as parts of the reach.
+# Smallest number of claims that distinguishes readings. Largest numbers of claims, of hogels, and
+# of rows and columns of each in the search: more do not change the result. Tested near offsets, as
+# fractions of the reach.
 MIN_CLAIMS, MAX_SEARCHED_CLAIMS, MAX_COMPARED_HOGELS, COMPARED_LINES = 100, 600, 3, 100
 NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
 
-# Smallest shares of pixels that agree with the truth to within a pixel under a right reading, or
-# for which a kind of damage accounts, as `diagnosis.MIN_EXPLAINED_FRACTION`. The second one applies
-# to objects of a renderer that may draw with another near offset or a moved scene, which change
-# them.
+# Smallest shares of pixels that agree with the truth to within a pixel under a correct reading, or
+# that a kind of damage explains, as `testset.MIN_EXPLAINED_FRACTION`. The second share applies to
+# object numbers if a renderer may have another near offset or a moved scene, which change them.
 MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
 
-# Smallest share of pixels with a number between those around them in a resampled picture; fewer are
-# accidents. And the smallest ratio of the number of different integers to that in the truth: values
-# between two numbers are new, while merely wrong numbers, such as objects in another order, are as
-# many as the right ones.
+# Smallest share of pixels of a resampled picture with a number between their neighbors' numbers; a
+# smaller share is chance. And the smallest ratio of the count of distinct integers to this count in
+# the truth: interpolation makes new values, while a permutation, such as objects in another order,
+# keeps the count.
 MIN_MIXED_FRACTION, MIN_VALUES_FACTOR = 0.01, 1.2
 
-# Largest change of a byte by lossy compression. JPEG of quality 75 quantizes the low frequencies of
-# brightness in steps of at most 16, and chroma adds half a step of its own.
+# Largest change of a byte by lossy compression. JPEG of quality 75 quantizes low frequencies of
+# brightness in steps of at most 16, and chroma adds half of its own step.
 MAX_LOSSY_STEPS = 24
 
-# Smallest number of gray values in a shaded picture, where masks and outlines have fewer, and
-# correlation of brightness with the truth's, where numbers correlate at random. And the share of
-# pixels as bright as the truth for pictures to be read as sRGB: under the right reading nearly all
-# are, under another light few.
+# Smallest number of gray values in a shaded picture; masks and outlines have fewer. Smallest
+# correlation of brightness with the truth; numbers have random correlation. Smallest share of
+# pixels as bright as the truth for pictures to be read as sRGB: nearly all under the correct
+# reading, few under another.
 MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
 
-# Largest distance of the quantiles of brightness from the truth's under another transfer function,
-# as a part of that under the stated one. Quantiles do not depend on geometry that shows much the
-# same surfaces; the diagnosis of the pictures in this reading is the test.
+# Largest distance between the quantiles of brightness of image and truth under another transfer
+# function, relative to this distance under the stated function. Quantiles hardly depend on geometry
+# if the same surfaces are visible. The diagnosis of the decoded pictures is the test.
 MAX_TRANSFER_DISTANCE = 0.5
 
-# The encodings that are transfer functions: `--encoding` states them.
+# Transfer functions that `--encoding` can state, and their encodings.
 STATED_TRANSFERS = {Transfer.LINEAR: Encoding.RGB, Transfer.SRGB: Encoding.SRGB}
 
 _NAMED_TRANSFERS = {
@@ -128,28 +129,28 @@ _NAMED_TRANSFERS = {
 class IdRepair:
     """Repair of damaged numbers by the truth, and the share of pixels that it explains.
 
-    Restored numbers serve the figures after correction only; no image passes because of them.
+    Repaired numbers are used only for figures after correction; no image passes because of them.
     """
 
     kind: str  #: `OVERFLOW`, `RESTARTING`, `RESAMPLED`, `LOSSY` or `FIRST_NUMBER`
     reading: Reading
-    bits: int = 24  #: number of low bits that `OVERFLOW` has kept
-    #: first triangle number of each object, at which `RESTARTING` begins again
+    bits: int = 24  #: number of low bits that remain after `OVERFLOW`
+    #: first triangle number of each object, for `RESTARTING`
     first: tuple[int, ...] = ()
     share: float = 0.0
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
-    nominal: RendererModel = TRUE  #: the renderer by its author's statements
+    nominal: RendererModel = TRUE  #: model of the renderer according to its author
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
-        """Return an image with the truth's number wherever damage explains the stored number."""
+        """Return an image with true numbers at pixels whose stored number the damage explains."""
         plate, as_read = reference.scene.plate, read_again(image, self.reading)
         index = self.order.index(image.camera.aperture.index, plate.hogels)
         truth = _stated(reference, self.nominal, index)
         pair = _TruthPair.from_images(truth, image, self.orientation)
         name = "object" if self.reading.encoding is Encoding.OBJECT_ID else "triangle"
         numbers = np.array(self.orientation.upright(getattr(as_read, name)))
-        # The pixel's own number is tried last, and wins.
+        # The pixel's own number is assigned last, and overwrites its neighbors' numbers.
         meant = list(zip(pair.explained(self), pair.numbers(self.reading), strict=False))
         for mask, number in reversed(meant):
             numbers[mask] = number[mask]
@@ -158,7 +159,7 @@ class IdRepair:
 
 
 def _stated(reference: Reference, nominal: RendererModel, index: tuple[int, int]) -> HogelImage:
-    """Return the image by the author's statements: the truth, or with a near offset."""
+    """Return the expected image of an aperture by the author's statements."""
     aperture = reference.scene.plate.aperture(*index)
     if nominal == TRUE:
         return reference.trace(aperture)
@@ -167,10 +168,10 @@ def _stated(reference: Reference, nominal: RendererModel, index: tuple[int, int]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _TruthPair:
-    """The stored bytes of an image, upright, paired with the truth's numbers and brightness."""
+    """Stored bytes of an upright image, with the numbers and brightness of the truth."""
 
     rgb: Bytes  # (h, w, 3)
-    triangle: Numbers  # (9, h, w): first the number of the pixel itself, then its neighbors'
+    triangle: Numbers  # (9, h, w): first the number of the pixel itself, then of its neighbors
     object: Numbers
     gray: Floats  # (h, w)
 
@@ -198,25 +199,26 @@ class _TruthPair:
 
     @property
     def lit(self) -> Mask:
-        """Pixels that store anything but 0."""
+        """Mask of pixels that do not store 0."""
         return np.asarray((self.rgb != 0).any(axis=-1))
 
     def numbers(self, reading: Reading) -> Numbers:
-        """Return the truth's numbers (9, h, w) that a reading counts."""
+        """Return the true numbers (9, h, w) of objects or triangles, as a reading has them."""
         return self.object if reading.encoding is Encoding.OBJECT_ID else self.triangle
 
     def stored(self, reading: Reading) -> Numbers:
-        """Return the integers that the truth would have stored, (9, h, w)."""
+        """Return the integers that a correct renderer would store, (9, h, w)."""
         return reading.stored(self.numbers(reading))
 
     def same(self, reading: Reading) -> Mask:
-        """Mark pixels that store the truth's number of the pixel or a neighbor, (9, h, w)."""
+        """Return a mask (9, h, w) of pixels that store their own or a neighbor's true number."""
         return np.asarray(reading.packed(self.rgb) == self.stored(reading))
 
     def explained(self, damage: IdRepair) -> Mask:
-        """Mark pixels whose bytes are damaged numbers of the pixel or a neighbor, (n, h, w).
+        """Return a mask of pixels whose bytes are damaged numbers of themselves or a neighbor.
 
-        Where numbers are mixed, n is 1: bytes lie in the range of those around them.
+        It is (n, h, w). For mixed numbers n is 1: the bytes are within the range of the neighbors'
+        bytes.
         """
         reading = damage.reading
         stored, packed = self.stored(reading), reading.packed(self.rgb)
@@ -224,11 +226,11 @@ class _TruthPair:
             first = self.numbers(reading)[:1] == 0
             return np.asarray((packed == reading.background) & first)
         if damage.kind == RESTARTING:
-            # The last of these stands for no object.
+            # The appended 0 is for pixels without an object.
             own = self.triangle - np.array([*damage.first, 0])[self.object]
             return np.asarray(packed == reading.stored(own))
         if damage.kind == OVERFLOW:
-            # Eight bits may be only in blue, with red and green black, or in all three channels.
+            # The low eight bits may be stored in blue only, or in all three channels.
             low = stored & (2**damage.bits - 1)
             return np.asarray((packed == low) | ((damage.bits == 8) & (packed == low * 0x010101)))
         margin = MAX_LOSSY_STEPS if damage.kind == LOSSY else 0
@@ -239,36 +241,36 @@ class _TruthPair:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEncoding:
-    """The reading of a renderer's images; None selects the stated reading."""
+    """Detected reading of a renderer's images."""
 
-    faults: tuple[Defect, ...] = ()  #: its differences from the stated one
-    reading: Reading | None = None
-    #: restores lost numbers for the figures after correction: all, or only 0, which is stored like
-    #: no surface
+    faults: tuple[Defect, ...] = ()  #: differences from the stated reading
+    reading: Reading | None = None  #: None for the stated reading
+    #: repair of lost numbers for figures after correction: of all numbers, or only of 0, which is
+    #: stored as no surface is
     restoring: IdRepair | None = None
 
     @property
     def as_colors(self) -> bool:
-        """True if pixels that should be numbers are colors."""
+        """True if pixels hold colors in place of numbers."""
         read = self.reading
         return read is not None and read.transfer is None and read.encoding not in NUMBER_ENCODINGS
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
-        """Return an image read in this way, with lost numbers restored."""
+        """Return an image decoded with this reading, with lost numbers repaired."""
         restoring = self.restoring
         return self.plainly(image) if restoring is None else restoring.read(reference, image)
 
     def plainly(self, image: HogelImage) -> HogelImage:
-        """Return an image read in this way, without restoring lost numbers."""
+        """Return an image decoded with this reading, without repair of lost numbers."""
         return image if self.reading is None else read_again(image, self.reading)
 
 
 def find_encoding(
     reference: Reference, images: Sequence[HogelImage], nominal: RendererModel
 ) -> FoundEncoding:
-    """Find the reading of a renderer's images if the stated reading fails.
+    """Determine the reading of a renderer's images if the stated reading fails.
 
-    `nominal` is the model of the renderer by its author's statements.
+    `nominal` is the model of the renderer according to its author.
     """
     # Images without numbers or stored colors have no other reading.
     if any((image.triangle != NOTHING).any() for image in images):
@@ -290,9 +292,9 @@ def find_encoding(
 
 
 def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEncoding:
-    """Find the transfer function that gives pictures the truth's distribution of brightness.
+    """Select the transfer function whose distribution of brightness is closest to the truth.
 
-    Geometry is unknown: the diagnosis of the pictures in this reading is the test.
+    Geometry is not known yet, so that the diagnosis of the decoded pictures is the test.
     """
     if not all(is_picture(image) and image.color is not None for image in images):
         return FoundEncoding()
@@ -301,7 +303,7 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     truths = [reference.trace(image.camera.aperture).color for image in chosen]
     expected = np.concatenate([truth.ravel() for truth in truths if truth is not None])
     stored = [radiance(stored_rgb(image), Encoding.RGB).ravel() for image in chosen]
-    # Transfer functions rise: values and radiance have the same order.
+    # Transfer functions are increasing, so that values and radiance have the same order.
     expected, values = np.sort(np.clip(expected, 0.0, 1.0)), np.sort(np.concatenate(stored))
     distances = {
         transfer: float(np.abs(transfer.linear(values) - expected).mean()) for transfer in Transfer
@@ -321,7 +323,7 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Search:
-    """Search for another reading than the stated one."""
+    """Search for a reading other than the stated one."""
 
     reference: Reference
     images: Sequence[HogelImage]
@@ -330,7 +332,7 @@ class _Search:
 
     @cached_property
     def conventions(self) -> list[tuple[Orientation, Orientation]]:
-        """Every order of apertures and orientation of pictures, the plainest first."""
+        """All pairs of an aperture order and a picture orientation, beginning with no change."""
         scene = self.reference.scene
         several = len({image.camera.aperture.index for image in self.images}) > 1
         orders = list(orientations(scene.plate.hogels)) if several else [UPRIGHT]
@@ -338,11 +340,11 @@ class _Search:
 
     @cached_property
     def truth(self) -> Callable[[tuple[int, int]], HogelImage]:
-        """The image of an aperture by the author's statements, traced once."""
+        """Function from an aperture to its expected image, with a cache."""
         return lru_cache(None)(lambda index: _stated(self.reference, self.nominal, index))
 
     def reading(self) -> FoundEncoding | None:
-        """Find another reading that holds where the stated one fails."""
+        """Return another reading that holds if the stated reading fails; None if there is none."""
         stated, pictures = self.stated, any(map(is_picture, self.images))
         triangles, objects = (replace(stated, encoding=encoding) for encoding in NUMBER_ENCODINGS)
         if stated.encoding is Encoding.RGB:
@@ -360,16 +362,17 @@ class _Search:
             if left <= MAX_HELD_MISFIT_PX:
                 return None
             result = self._by_claims(stated, left) or self._restarting()
-            # Enlarged pictures claim neighbors of the right triangles: these claims fail by less
-            # than a pixel.
+            # Enlarged pictures name neighbors of the true triangles: these claims fail by less than
+            # a pixel.
             if result is None and left <= MIN_FAILED_MISFIT_PX:
                 return None
-            # Numbers that lie where some camera draws their triangles are whole; of few triangles,
-            # damage would account for nearly any.
+            # Numbers are undamaged if a camera can draw their triangles at these pixels. This test
+            # comes before damage, which would explain nearly any number in a scene of few
+            # triangles.
             result = result or self._by_objects(objects, 0.0) or self._drawn()
-        # Remaining readings are compared with the truth.
+        # The remaining readings are compared with the truth.
         result = result or self._overflown() or self._mixed()
-        # Pixels that name things in the scene are numbers, right or wrong, and not colors.
+        # If nearly all pixels are numbers that exist in the scene, they are not colors.
         if result is None and pictures and self._valid_share(stated) < MIN_VALID_FRACTION:
             return self._colors()
         return result
@@ -377,7 +380,7 @@ class _Search:
     def _best(
         self, damage: IdRepair, matching: Callable[[_TruthPair], Mask] | None = None
     ) -> tuple[IdRepair, list[_TruthPair]]:
-        """Return damage under the conventions in which most pixels match, and the pairs."""
+        """Return damage with the conventions under which most pixels match, and the pairs."""
         matching = matching or (lambda pair: pair.explained(damage))
         damage, best = replace(damage, nominal=self.nominal), list[_TruthPair]()
         hogels = self.reference.scene.plate.hogels
@@ -393,20 +396,20 @@ class _Search:
                 matched += (matching(pair).any(axis=0) & some).sum()
                 pairs.append(pair)
             share = float(matched / shown) if shown else 0.0
-            # Where conventions agree equally well, the first one, no change, wins.
+            # If several conventions agree equally well, the first (no change) wins.
             if not best or share > damage.share + 1e-6:
                 damage = replace(damage, share=share, orientation=orientation, order=order)
                 best = pairs
         return damage, best
 
     def agreement(self, reading: Reading, kind: str = RESAMPLED) -> IdRepair:
-        """Return the conventions under which most pixels store numbers of truth or neighbors."""
+        """Return the conventions under which most pixels store their own or a neighbor's number."""
         return self._best(IdRepair(kind=kind, reading=reading), lambda pair: pair.same(reading))[0]
 
     def _colors(self) -> FoundEncoding | None:
-        """Find how to read pixels that are colors of the scene; None if they are not."""
+        """Return the reading of pixels that are colors of the scene; None for other pixels."""
         colors = Reading(encoding=Encoding.RGB)
-        # Pixels are lit where the truth around them shows a surface, and black where not.
+        # Pixels match if they are lit and the truth near them has a surface, or neither.
         result, parts = self._best(
             IdRepair(kind=WRONG_ENCODING, reading=colors),
             lambda pair: (pair.triangle != NOTHING) == pair.lit,
@@ -424,7 +427,7 @@ class _Search:
             np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION
         ):
             return None
-        # The shares of pixels that are as bright as the truth in either encoding.
+        # Shares of pixels that are as bright as the truth, in each of the two encodings.
         expected = np.clip(gray, 0.0, 1.0)
         linear, encoded = (
             np.mean(np.abs(radiance(rgb, way).mean(axis=-1) - expected) <= COLOR_TOLERANCE)
@@ -435,7 +438,7 @@ class _Search:
         return self._as_found(colors, ())
 
     def _overflown(self) -> FoundEncoding | None:
-        """Find numbers of which only the low bits are stored."""
+        """Detect numbers of which only the low bits are stored."""
         count, stated = len(self.reference.scene.faces), self.stated
         for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID else ():
             if count < 2**bits:
@@ -447,7 +450,7 @@ class _Search:
         return None
 
     def _mixed(self) -> FoundEncoding | None:
-        """Find numbers that were mixed with their neighbors', or went through a lossy file."""
+        """Detect numbers that were interpolated, or stored in a lossy file."""
         stated = self.stated
         storages = (getattr(image, "stored", None) for image in self.images)
         named_lossy = any(storage is not None and storage.lossy for storage in storages)
@@ -468,7 +471,7 @@ class _Search:
         return None
 
     def _drawn(self) -> FoundEncoding | None:
-        """Return the stated reading where claims hold with at most one group of numbers off."""
+        """Return the stated reading if claims hold with at most one wrong group of numbers."""
         claims = self._read(self.stated)
         if len(claims) < MIN_CLAIMS:
             return None
@@ -476,11 +479,11 @@ class _Search:
         return FoundEncoding() if fit.noise_px <= MAX_HELD_MISFIT_PX else None
 
     def _restarting(self) -> FoundEncoding | None:
-        """Find triangle numbers that restart with each object, as `gl_PrimitiveID` does."""
+        """Detect triangle numbers that restart with each object, as `gl_PrimitiveID` does."""
         _, first = np.unique(self.reference.scene.object_of_triangle, return_index=True)
         damage = IdRepair(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
         result, parts = self._best(damage)
-        # The first object has the same numbers either way: the others must show the restart.
+        # Numbers of the first object do not change, so that the others must show the restart.
         matching = [np.asarray(part.explained(result).any(axis=0)) for part in parts]
         others = np.concatenate(
             [match[part.object[0] > 0] for match, part in zip(matching, parts, strict=True)]
@@ -491,12 +494,12 @@ class _Search:
         return FoundEncoding(faults=(defect,), restoring=result)
 
     def _read(self, reading: Reading) -> PixelClaims:
-        """Return the claims of the images in some reading."""
+        """Return the claims of the images decoded with a reading."""
         images = [read_again(image, reading) for image in self.images]
         return claims_of(self.reference.scene, images)
 
     def _by_claims(self, start: Reading, left: float) -> FoundEncoding | None:
-        """Find the reading under which claims hold, from one whose misfit is `left`."""
+        """Return the reading under which claims hold; the misfit of `start` is `left`."""
         readings = [way for way in self._others(start) if len(self._read(way)) >= MIN_CLAIMS]
         misfits = [self._misfit(reading) for reading in readings]
         least = min(misfits, default=np.inf)
@@ -514,7 +517,7 @@ class _Search:
         return self._as_found(best, readings)
 
     def _by_objects(self, start: Reading, agreeing: float) -> FoundEncoding | None:
-        """Find the reading under which pixels name the objects that the truth shows."""
+        """Return the reading under which pixels hold the object numbers of the truth."""
         readings = list(self._others(start))
         shares = [self.agreement(reading).share for reading in readings]
         most, same = max(shares, default=0.0), start.encoding is self.stated.encoding
@@ -524,9 +527,10 @@ class _Search:
         return self._as_found(readings[shares.index(most)], readings)
 
     def _as_found(self, best: Reading, readings: Sequence[Reading]) -> FoundEncoding:
-        """Return a reading with its differences from the stated one.
+        """Return a reading with its differences from the stated reading.
 
-        Channel orders of other `readings` that give the same numbers are named with it.
+        Other `readings` that differ only in channel order and give the same numbers are listed
+        too.
         """
         stated, defects = self.stated, list[Defect]()
         if best.encoding is not stated.encoding:
@@ -551,12 +555,13 @@ class _Search:
         return FoundEncoding(faults=tuple(defects), reading=best)
 
     def _others(self, start: Reading) -> Iterator[Reading]:
-        """Yield readings under which nearly all stored numbers exist, without the stated one."""
+        """Yield readings under which nearly all numbers exist, except the stated reading."""
         pictures = all(map(is_picture, self.images))
         orders = CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]
         for channels, offset in itertools.product(orders, (1, 0, 2)):
             plain = replace(start, channels=channels, offset=offset)
-            # No surface may be stored as the most frequent integer without a meaning in the scene.
+            # The code of no surface may be the most frequent integer that does not exist in the
+            # scene.
             packed = np.concatenate(
                 [stored_integers(image, plain).ravel() for image in self.images]
             )
@@ -573,7 +578,7 @@ class _Search:
         return len(scene.objects if reading.encoding is Encoding.OBJECT_ID else scene.faces)
 
     def _valid_share(self, reading: Reading) -> float:
-        """Return the share of pixels with a number whose number exists in the scene."""
+        """Return the share of numbers that exist in the scene."""
         parts = [reading.numbers(stored_integers(image, reading)).ravel() for image in self.images]
         numbers = np.concatenate(parts)
         named = int((numbers != NOTHING).sum())
@@ -581,7 +586,7 @@ class _Search:
         return valid / named if named else 0.0
 
     def _misfit(self, reading: Reading) -> float:
-        """Return the mean failure of claims under the best conventions and near offset, px."""
+        """Return the mean distance (px) by which claims fail, for the best conventions and near."""
         nominal, valid = self.nominal, self._valid_share(reading)
         claims = self._read(reading).thinned(MAX_SEARCHED_CLAIMS) if valid else None
         if claims is None or not len(claims):

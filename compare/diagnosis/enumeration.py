@@ -50,21 +50,21 @@ from xfrustum.scenes.model.scene import Scene
 Picture = NDArray[Any]
 """Numbers (H, W) or colors (H, W, 3) of an upright image."""
 
-# Compositions of the two halves, the right one first. One depth test, taken for the other, makes
-# two mistakes.
+# Compositions of the two halves, the correct one first. Exchanging the depth tests causes two
+# defects at once.
 COMPOSITIONS: tuple[tuple[Hypothesis, ...], ...] = (
     (),
     *((hypothesis,) for hypothesis in HYPOTHESES),
     (NEAREST, NOT_OVERLAID),
 )
 
-# Smallest number of pixels that distinguishes two compositions: fewer may be outlines that rounding
-# has moved.
+# Smallest number of pixels that distinguishes two compositions: rounding of outlines may change
+# fewer pixels.
 MIN_DIFFERING_PIXELS = 20
 
-# Smallest gain of right pixels, over the best composition's, of its equals: on closed bodies,
-# leaving out the faces toward the viewer leaves the surface nearest to the plate. Two percent leave
-# room for outlines, which rounding moves.
+# Smallest gain of right pixels, relative to the best composition, of an equally good composition.
+# For example, culling the faces toward the viewer of a closed body and drawing the surface nearest
+# to the plate give the same image. Two percent allow for rounding of outlines.
 MIN_ALIKE_FRACTION = 0.98
 
 # Axes drawn in place of x, y and z.
@@ -76,27 +76,28 @@ EXCHANGED_AXES = (
 # Smallest number of claims that distinguishes axes, or the apertures of one hogel.
 MIN_PART_CLAIMS = 30
 
-# Largest number of objects for which absence is tried.
+# Largest number of objects that are assumed missing.
 MAX_MISSING_OBJECTS = 4
 
-# Largest share of the hogels that are tried to show others' images: in most of them a rule of the
-# whole plate is broken. Distance of the other apertures in columns and rows; numbers of them that
-# are drawn, if claims rank them and else; and the largest share of wrong pixels that may stay.
+# Largest share of hogels that may show images of other apertures; if more are wrong, the cause
+# affects the whole plate. Largest distance of these apertures in columns and rows. Largest number
+# of apertures drawn per hogel, with claims to rank them and without. Largest share of wrong pixels
+# that may remain.
 MAX_ODD_HOGEL_FRACTION, MAX_APART, MAX_RANKED, MAX_NEIGHBORS = 0.5, 9, 2, 12
 MAX_LEFT_FRACTION = 0.1
 
-# Shares of the scene's vertices below the heights at which twins of shifts are tried.
+# Quantiles of vertex height at which equivalents of shifts are tried.
 TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
-# Largest relative difference between the pitches of columns and rows at which they count as equal:
-# each may be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
+# Largest relative difference of the pitches of columns and rows that count as equal. Half of it,
+# `drawn_model.SMALLEST_FACTOR`, is the largest deviation of each that is not reported.
 MAX_PITCH_DIFFERENCE = 1e-3
 
 
 def compositions(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return a candidate with the composition that agrees best with images, then equally good ones.
+    """Return candidates with the composition that agrees best with images, then equally good ones.
 
-    Composition and numbers that add nothing to the explanation are left out.
+    Defects of composition and numbers that do not improve the explanation are removed.
     """
     best, *equals = _best_compositions(
         test.reference, model, [image for image in test.images if shows(image)]
@@ -108,15 +109,15 @@ def compositions(test: TestSet, model: RendererModel) -> list[RendererModel]:
 def _best_compositions(
     reference: Reference, model: RendererModel, images: Sequence[HogelImage]
 ) -> list[RendererModel]:
-    # Step 1: do not enumerate if the right composition explains nearly every pixel.
+    # Step 1: do not enumerate if the correct composition explains nearly every pixel.
     right = [_compared(reference, [model], image) for image in images]
     if sum(_differing(made[0], shown) for shown, made in right) < MIN_DIFFERING_PIXELS:
         return [model]
 
     def possible(way: tuple[Hypothesis, ...]) -> bool:
         fields = set[str]().union(*(hypothesis.fields for hypothesis in way))
-        # A camera that is off by itself is not mirrored too, a ray tracer culls nothing, and flat
-        # normals show where others are interpolated.
+        # A single deviating camera is not mirrored as well. Uneven films are ray traced, without
+        # culling. Flat normals differ only in scenes with interpolated normals.
         return not (
             ("one_camera" in fields and model.one_camera is not None)
             or ("culled" in fields and model.film != EVEN)
@@ -127,19 +128,20 @@ def _best_compositions(
         reduce(lambda made, hypothesis: hypothesis.of(made), way, model)
         for way in filter(possible, COMPOSITIONS)
     ]
-    # At least one half is present.
+    # At least one half must be present.
     ways = [way for way in ways if not (way.back is Back.MISSING and way.front is Front.MISSING)]
     wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
     for shown, made in (_compared(reference, ways, image) for image in images):
         wrong += [_differing(picture, shown) for picture in made]
         differing += [_differing(picture, made[0]) for picture in made]
-    # Step 2: a composition is better where it makes more than half of the pixels right in which it
-    # differs from the right one. The renderer's own makes all of them right.
+    # Step 2: a composition is better if it makes right more than half of the pixels in which it
+    # differs from the correct composition. The renderer's actual composition makes all of them
+    # right.
     gained = wrong[0] - wrong
     better = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)
     if not better.any():
         return [model]
-    # Step 3: the best composition, and those that gain nearly as much.
+    # Step 3: keep the best composition, and compositions that gain nearly as much.
     alike = better & (gained >= MIN_ALIKE_FRACTION * gained[better].max())
     return list(itertools.compress(ways, alike))
 
@@ -147,7 +149,7 @@ def _best_compositions(
 def _compared(
     reference: Reference, ways: Sequence[RendererModel], image: HogelImage
 ) -> tuple[Picture, list[Picture]]:
-    """Return an image, upright, and the pictures of some candidates: numbers (H, W), or colors."""
+    """Return an upright image and the pictures of candidates: numbers (H, W), or colors."""
     scene, upright = reference.scene, ways[0].orientation.upright
     aperture, known = ways[0].answers(scene, image.camera.aperture), Layers()
     layers = [drawn(reference, way, aperture, known) for way in ways]
@@ -167,13 +169,13 @@ def _differing(entry: Picture, other: Picture) -> int:
 
 
 def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
-    """Yield candidates with other axes, fewest other defects first, then those that hold best."""
+    """Yield candidates with other axes, sorted by number of other defects, then by misfit."""
     nominal, scene = test.nominal, test.reference.scene
     claiming = [image for image in test.images if (image.triangle != NOTHING).any()]
     turned = list(orientations(scene.frustum.resolution))
     orders = list(orientations(scene.plate.hogels)) if len(claiming) > 1 else [UPRIGHT]
     if not claiming:
-        # Registration may have turned pictures to suit other axes, and found the order rightly.
+        # Registration may have turned pictures to fit other axes, and its order may be right.
         turned = list(dict.fromkeys((nominal.orientation, plain.model.orientation)))
         orders = list(dict.fromkeys((nominal.order, plain.model.order)))
     ways = [
@@ -196,8 +198,7 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
             candidates.append((least, replace(fit, model=replace(fit.model, axes=axes))))
 
     def rank(entry: tuple[float, GeometryFit]) -> tuple[int, float]:
-        # A turned scene in turned pictures looks the same as only other axes: fewer defects come
-        # first.
+        # Other axes may look like a turned scene in turned pictures: fewer defects come first.
         misfit, model = entry[0], entry[1].model
         others = (model.orientation != nominal.orientation) + (model.order != nominal.order)
         return others, misfit
@@ -206,13 +207,13 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
 
 
 def without_objects(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[GeometryFit]:
-    """Yield candidates without the objects that hold most wrong pixels and that no image names."""
+    """Yield candidates without the objects that cause most wrong pixels and are in no image."""
     scene, named = test.reference.scene, set[int]()
     for image in test.images:
         exists = (image.triangle >= 0) & (image.triangle < len(scene.faces))
         named |= set(np.unique(scene.object_of_triangle[image.triangle[exists]]).tolist())
         named |= set(np.unique(image.object[image.object != NOTHING]).tolist())
-    # Black images name no object: they would all be explained by a scene without objects.
+    # A scene without objects would explain black images, which name no object.
     lit = any(image.color is not None and image.color.any() for image in test.images)
     if len(scene.objects) < 2 or not (named or lit):
         return
@@ -229,7 +230,7 @@ def without_objects(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[Geom
 
 
 def _most_wrong_object(test: TestSet, model: RendererModel) -> int:
-    """Return the object that a candidate draws in most of its wrong pixels, or none."""
+    """Return the object that a candidate draws in most of its wrong pixels, or `NOTHING`."""
     reference, counts = drawn_scene(test.reference, model), np.zeros(0, dtype=np.int64)
     for image, wrong in zip(test.tested, test.mask(model, explained=True), strict=True):
         aperture = model.answers(reference.scene, image.camera.aperture)
@@ -240,7 +241,7 @@ def _most_wrong_object(test: TestSet, model: RendererModel) -> int:
 
 
 def with_other_hogels(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[GeometryFit]:
-    """Yield candidates in which all wrong hogels, if few, show images of other apertures."""
+    """Yield candidates in which the wrong hogels, if few, show images of other apertures."""
     most = int(MAX_ODD_HOGEL_FRACTION * len(test.images))
     for fit in fits:
         odd = list(itertools.islice(test.outliers(fit.model), most + 1))
@@ -255,7 +256,7 @@ def with_other_hogels(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[Ge
 
 
 def _shown_apertures(alone: TestSet, model: RendererModel) -> tuple[Index, ...]:
-    """Return the apertures whose image one hogel shows, the best first; empty if there are none."""
+    """Return the apertures whose image one hogel may show, the best first; empty if none fits."""
     (image,), scene = alone.images, alone.reference.scene
     index, likely = image.camera.aperture.index, _likely(scene, model, image)
     left = [
@@ -264,14 +265,14 @@ def _shown_apertures(alone: TestSet, model: RendererModel) -> tuple[Index, ...]:
     least, wrong = min(left, default=np.inf), alone.wrong(model, explained=True)
     if least > MAX_LEFT_FRACTION * wrong:
         return ()
-    # Images of far scenes may not differ: all that are as good are kept.
+    # Images of distant scenes may be equal: keep all apertures that fit equally well.
     limit = least + MAX_LEFT_FRACTION * MIN_OUTLYING_FRACTION * image.triangle.size
     ranked = sorted(zip(left, likely, strict=True))
     return tuple(other for count, other in ranked if count <= limit)
 
 
 def _likely(scene: Scene, model: RendererModel, image: HogelImage) -> list[Index]:
-    """Return other apertures whose image a hogel may show: by its claims, or neighbors."""
+    """Return other apertures whose image a hogel may show: ranked by claims, else neighbors."""
     hogels = scene.plate.hogels
     own = model.order.index(image.camera.aperture.index, hogels)
     columns, rows = (
@@ -297,8 +298,8 @@ def equivalents(
 ) -> list[RendererModel]:
     """Return candidates with other defects that show the same images, or nearly so (`by_depth`).
 
-    At one depth of the scene a near offset n looks like a field of view 1 + n / |z| times as large,
-    and a moved scene or plate like a shift of the sampling points.
+    At a single depth of the scene, a near offset n looks like a field of view that is 1 + n / |z|
+    times as large, and an offset of the scene or plate looks like a shift of the sampling points.
     """
     same = list(_moved_instead(test, model))
     if tried := list(_sheared_instead(test, model)):
@@ -312,11 +313,11 @@ def equivalents(
 
 
 def _moved_instead(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
-    """Yield the twins of moved or scaled scenes of centered frusta.
+    """Yield equivalents of moved or scaled scenes with centered frusta.
 
-    An image depends only on (P - a) / s. Moving the apertures to one side equals moving the scene
-    to the other side, and enlarging the scene equals shrinking the plate by the same factor, except
-    for surfaces beyond the reach.
+    An image depends only on (P - a) / s. Moving the apertures to one side is equivalent to moving
+    the scene to the other side. Enlarging the scene is equivalent to shrinking the plate by the
+    same factor, except for surfaces beyond the reach.
     """
     nominal = test.nominal
     if test.reference.scene.frustum.screen is not None:
@@ -331,7 +332,7 @@ def _moved_instead(test: TestSet, model: RendererModel) -> Iterator[RendererMode
 
 
 def _moved_at_one_depth(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
-    """Yield moved scenes and plates that look like a shift at some depths of the scene."""
+    """Yield candidates whose moved scene or plate looks like a shift at one depth."""
     scene, shift = test.reference.scene, np.asarray(model.shift)
     if scene.frustum.screen is not None:
         shift = shift + np.asarray(model.screen_center) / screen_lengths(scene)
@@ -347,10 +348,10 @@ def _moved_at_one_depth(test: TestSet, model: RendererModel) -> Iterator[Rendere
 
 
 def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
-    """Yield candidates that may show the images of a wrong shear, or of a moved screen.
+    """Yield candidates that may show the same images as a wrong shear or a moved screen.
 
-    If everything visible lies on one side of the plate, images do not show the other camera; in a
-    single aperture, a missing or reversed shear equals a screen at another place.
+    If all visible surfaces are on one side of the plate, images contain nothing of the other
+    camera. In a single aperture, a missing or reversed shear is equivalent to a moved screen.
     """
     nominal, scene = test.nominal, test.reference.scene
     screen, right = scene.frustum.screen, model.recentering is nominal.recentering

@@ -1,13 +1,13 @@
-"""Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded.
+"""Fit of a renderer's conventions and geometry to the claims of its images, with intervals.
 
 A claim (`claims.PixelClaims`) states that a pixel of a file shows a triangle. With any occlusion, a
-renderer shows a triangle only where it projects. Conventions and geometry can therefore be found
-without deciding visibility: under the right candidate every claim holds; under a wrong one many
-fail, each by a distance in pixels. First come the discrete conventions under which claims fail
-least on average. Then the numbers of `drawn_model.GROUPS` are fitted by robust least squares, with
-as few groups of them off their nominal values as suffice; other sets of groups that suffice as well
-are alternatives. Last comes an interval for each number: all values under which no claim fails by
-more than the rounding of drawing.
+renderer shows a triangle only where it projects. Conventions and geometry can therefore be
+determined without visibility: under the correct candidate model every claim holds; under a wrong
+one many fail, each by a distance in pixels. First, the discrete conventions with the smallest mean
+failure are selected. Then the numbers of `drawn_model.GROUPS` are fitted by robust least squares.
+As few groups as possible deviate from their nominal values; other sets of as many groups that fit
+equally well are alternatives. Last, each number gets an interval: all values under which no claim
+fails by more than the rounding of drawing.
 """
 
 from __future__ import annotations
@@ -49,91 +49,92 @@ from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 # subpixel bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
-# Largest numbers of claims used by the search, by the screening of candidates, by the fit and by
-# the intervals. The search tries hundreds of candidates and only ranks them; the fit needs more for
-# its precision; the intervals are bounded by the few claims nearest to an edge, and are computed
-# once.
+# Largest numbers of claims used by the search, the screening of candidates, the fit and the
+# intervals. The search only ranks hundreds of candidates. The fit needs more claims for its
+# precision. The intervals, computed once, are bounded by the few claims closest to an edge.
 MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS = 1200, 600
 MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 2500, 16000
 
-# Largest share of claims that may fail under the right candidate: damaged pixels, and edges that
-# anti-aliasing or rounding has moved. The noise of a candidate is the distance that this share of
-# claims exceeds; a convention that is off by more than a pixel explains no image.
+# Largest share of claims that may fail under the correct candidate, because of damaged pixels,
+# anti-aliasing or rounding of edges. The noise of a candidate is the distance that this share of
+# claims exceeds. A candidate with more than a pixel of noise does not explain the images.
 MAX_MISPLACED_FRACTION, MAX_NOISE_PX = 0.01, 1.0
 
-# Largest ratio of a simpler candidate's noise to the best candidate's at which the simpler one is
-# as good, and of the noise on few claims to that on all: the comparison has two noises of the same
-# size.
+# Largest ratio of the noise of a simpler candidate to the noise of the best candidate at which the
+# simpler candidate counts as equally good. It also limits the ratio of noise on few claims to noise
+# on all claims. Both compare two noises of similar size.
 NOISE_FACTOR = 2.0
 
-# Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is
-# left out: ten times the share that may fail under the right candidate. And the largest share of
-# the hogels that may be left out: a rule that holds in fewer than half of them is not a convention.
+# A hogel is spoiled, and left out, if at least the first share of its claims fails by more than
+# `MAX_NOISE_PX`: ten times the share that may fail under the correct candidate. At most the second
+# share of hogels is left out: a rule that fewer than half of the hogels follow is not a convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
-# Groups that are fitted first, fewer and better-conditioned numbers; and the largest number of
-# groups that may be off nominal together: with more of them free, the fit follows noise.
+# Groups that are fitted first, because their numbers are fewer and better conditioned. Largest
+# number of groups that may deviate from nominal together: with more groups the fit follows noise.
 USUAL_GROUPS, MAX_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS), 4
 
-# Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring
-# outlines are about that far apart. Larger failures count linearly.
+# Largest failure of a claim, in pixels, that the first, rough fit counts by its square: about the
+# distance of neighboring outlines. Larger failures count linearly.
 ATTRACTION_PX = 1.0
 
-# Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows
-# the same images: a pixel is sampled within itself, and the rest is the smallest named shift.
+# Largest shift, in pixels, that is explained by the sampling point if a moved projection screen
+# gives the same images: half a pixel, because sampling points are inside their pixels, plus the
+# smallest reported shift.
 MAX_SAMPLING_PX = 0.5 + SMALLEST_SHIFT_PX
 
-# Largest distance from the corner of a hogel at which an aperture counts as being there, in
-# pitches.
+# Largest distance from the corner of a hogel, in pitches, at which an aperture counts as at the
+# corner.
 CORNER_PITCHES = 0.01
 
-# Largest distance of an edge from a pixel's center at which it can bound an interval, in pixels.
-# The fit is right to a fraction of a pixel, so that edges farther away bound nothing.
+# Largest distance, in pixels, of an edge from a pixel's center at which it can bound an interval.
+# The fit is accurate to a fraction of a pixel, so that edges farther away are not limiting.
 NEIGHBORHOOD_PX = 0.5
 
-# Movement of outlines, in pixels, from which on a number is not bounded, and the one at which
-# numbers are held: so far beyond the neighborhood that none which is bounded comes near.
+# Displacement of outlines, in pixels, above which a number counts as unbounded, and the limit of
+# numbers in the solver, far above the displacement of any bounded number.
 UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
 
-# Movement of outlines by a step, in pixels, below which it is noise of the differences. HiGHS takes
-# so small numbers for zero.
+# Displacement of outlines by a step, in pixels, below which it is noise of finite differences. The
+# solver, HiGHS, also treats such small coefficients as zero.
 SMALLEST_SLOPE_PX = 1e-9
 
-# Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at
-# which offsets differ visibly it widens the film by the smallest factor that has a name.
+# Largest near offset, as a fraction of the reach, that a renderer may have without visible effect:
+# at a depth of `TOLD_APART_PER_REACH` times the reach it widens the film by the smallest reported
+# factor.
 UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 
-# Starting points, of which `MAX_STARTS` are fitted: near, as parts of the reach, and the one with
-# which wrong shears are tried, as smaller ones move pictures less; sizes of the scene, larger ones
-# of which look like the last; extents of the film, a field of view taken for half of it or half for
-# all; heights of the screen.
+# Starting points, of which `MAX_STARTS` are fitted. Near offsets, as fractions of the reach, and
+# the one with which wrong shears are tried; smaller ones move pictures less. Scales of the scene;
+# larger scales look like the last. Extents of the film, for angles confused with half angles.
+# Heights of the screen.
 START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist()), 0.03, 4
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
 
-# Spacings of pixels by equal angles that are tried.
+# Films with pixels at equal angles.
 LENSES = (Film.XY, Film.X, Film.Y, Film.RADIUS)
-# Largest mean failure of claims with a lens, over that without, at which the lens is fitted.
+# Largest ratio of the mean failures of claims with and without a lens at which the lens is fitted.
 MAX_LENS_RATIO = 0.5
 Found = list[tuple[RendererModel, tuple[str, ...]]]
-"""Candidates, the preferred one first, each with the names of its groups that were fitted."""
+"""Candidates, the preferred one first, each with the names of its fitted groups."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeometryFit:
-    """A candidate about a renderer that was fitted to claims, with intervals and alternatives."""
+    """Candidate model fitted to claims, with intervals and alternatives."""
 
     model: RendererModel  #: simplest candidate under which the claims hold
-    #: (P,) ends of the intervals of its numbers; the nominal value where a number was not free
+    #: (P,) ends of the intervals of the numbers; the nominal value for a number that was not fitted
     low: Floats
     high: Floats
-    noise_px: float = 0.0  #: largest failure of a claim but the worst `MAX_MISPLACED_FRACTION`
-    alternatives: tuple[RendererModel, ...] = ()  #: as simple, with other groups off nominal
+    noise_px: float = 0.0  #: largest failure of a claim, except the worst `MAX_MISPLACED_FRACTION`
+    alternatives: tuple[RendererModel, ...] = ()  #: equally simple, with other groups
     spoiled: frozenset[tuple[int, int]] = frozenset()  #: hogels left out, by their file names
     by_color: bool = False  #: whether the candidate comes from registration of pictures
 
     @classmethod
     def exact(cls, model: RendererModel) -> GeometryFit:
-        """Return a candidate whose numbers are known exactly."""
+        """Return a candidate with exact numbers."""
         return cls(model=model, low=model.parameters, high=model.parameters)
 
     @property
@@ -142,7 +143,7 @@ class GeometryFit:
         return self.noise_px <= MAX_NOISE_PX
 
     def unbounded(self, nominal: RendererModel) -> GeometryFit:
-        """Return the candidate without intervals of numbers off nominal, which were not fitted."""
+        """Return the candidate without the intervals of numbers that deviate from nominal."""
         values, stated = self.model.parameters, nominal.parameters
         unknown = np.where(values == stated, stated, np.nan)
         return replace(self, low=unknown, high=unknown)
@@ -153,9 +154,9 @@ def fit_geometry(
 ) -> GeometryFit:
     """Find the simplest conventions and geometry under which claims of several hogels hold.
 
-    A single hogel leaves order and pitch open. `nominal` is the renderer by its author's
-    statements. A `simple` fit has a lens and one group of numbers off nominal at most, and is
-    nominal where no such candidate holds.
+    A single hogel does not determine order and pitch. `nominal` is the model of the renderer
+    according to its author. A `simple` fit has at most a lens and one group of numbers off nominal.
+    If no such candidate holds, it is nominal.
     """
     search = _Search(scene=claims.scene, nominal=nominal)
     some, spoiled = claims.thinned(MAX_FITTED_CLAIMS), frozenset[tuple[int, int]]()
@@ -168,8 +169,8 @@ def fit_geometry(
         fits = search.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
         fits = fits or search.bent(some, starts)
         if not fits and not simple:
-            # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as
-            # the limit for the simplest candidate.
+            # Step 3: fit all groups, leave out spoiled hogels, and use the remaining noise as the
+            # limit for the simplest candidate.
             freest = search.freest(few, [start for start in starts if not _alone(start)])
             claims, spoiled = _without_spoiled(claims, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
@@ -191,17 +192,17 @@ def fit_geometry(
 
 
 def _determined(scene: Scene, groups: Sequence[str]) -> list[int]:
-    """Return the places of the numbers of some groups that images determine.
+    """Return the indices of those numbers of some groups that images determine.
 
-    Along an axis with a single pixel, images do not show where on the film an outline lies: its
-    numbers are held fixed.
+    Along an axis with a single pixel, images do not show the position of an outline on the film, so
+    that the numbers of this axis are held fixed.
     """
     held = {axis for axis, count in zip("xy", scene.frustum.resolution, strict=True) if count == 1}
     return [place for place in places(*groups) if NUMBERS[place][1] not in held]
 
 
 def _misfit(claims: PixelClaims, model: RendererModel, cap: float = 1.0) -> float:
-    """Return the mean distance by which claims fail, px; each counts `cap` at most."""
+    """Return the mean distance (px) by which claims fail; each counts at most `cap`."""
     return float(outside_px(claims, model, cap).mean())
 
 
@@ -214,9 +215,9 @@ def _noise(claims: PixelClaims, model: RendererModel) -> float:
 def _without_spoiled(
     claims: PixelClaims, model: RendererModel
 ) -> tuple[PixelClaims, frozenset[tuple[int, int]]]:
-    """Return the claims of the hogels in which nearly all hold, and the indices of the others.
+    """Return the claims without spoiled hogels, and the indices of these hogels.
 
-    If most hogels would be left out, the candidate is wrong and not the hogels: then all are kept.
+    If most hogels would be left out, the candidate is wrong and not the hogels: all are kept.
     """
     off = outside_px(claims, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
@@ -228,13 +229,13 @@ def _without_spoiled(
 
 
 def _alone(model: RendererModel) -> bool:
-    """Return whether only one camera has other numbers, without a mirrored film."""
+    """Return whether only one camera deviates from nominal, without a mirrored film."""
     entry = model.one_camera
     return entry is not None and not (entry.flip_x or entry.flip_y)
 
 
 def _changes(model: RendererModel) -> tuple[int, int]:
-    """Return the sort key of candidates that fit equally well: the plainest has the smallest."""
+    """Return the sort key of candidates that fit equally well: the smallest has fewest changes."""
     entry = model.one_camera
     flips = 0 if entry is None else 1 + entry.flip_x + entry.flip_y
     changes = model.orientation.changes + model.order.changes + flips
@@ -242,7 +243,7 @@ def _changes(model: RendererModel) -> tuple[int, int]:
 
 
 def _with_pivots(model: RendererModel) -> list[RendererModel]:
-    """Return a candidate with every pivot and fit of its offset cameras."""
+    """Return a candidate with every pivot and fit of the offset cameras."""
     return [
         replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)
     ]
@@ -256,16 +257,17 @@ class _Search:
     nominal: RendererModel
 
     def groups(self, claims: PixelClaims, *, together: bool = False) -> tuple[str, ...]:
-        """Return the groups that claims determine, singly or all free `together`."""
-        # Claimed points move with the scene, and do not show it; a centered frustum has no
-        # projection screen. To move the apertures is to move scene and film.
+        """Return the groups that claims determine, when fitted one by one or all `together`."""
+        # Claimed points move with the scene, and do not reveal its offset or scale. A centered
+        # frustum has no projection screen. Moving the apertures is equivalent to moving scene and
+        # film.
         unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
         unseen |= set() if self.scene.frustum.recentered else set(SCREEN_GROUPS)
         unseen |= {"aperture-offset"} if together and not claims.of_points else set()
         return tuple(group for group in GROUPS if group not in unseen)
 
     def starts(self, claims: PixelClaims) -> list[RendererModel]:
-        """Return the conventions and numbers that fail least, from which fits start."""
+        """Return starting points of fits: conventions and numbers with the smallest failures."""
         frustum, nominal = self.scene.frustum, self.nominal
         cap, several = frustum.resolution[0] / 2, len(np.unique(claims.hogel, axis=0)) > 1
         nears = list(
@@ -276,19 +278,19 @@ class _Search:
             result = [(_misfit(claims, model, cap), _changes(model), model) for model in models]
             return [model for *_, model in sorted(result, key=lambda entry: entry[:2])]
 
-        # Step 1: every orientation and order, each with every single other hypothesis.
+        # Step 1: every orientation and order, each with every other single hypothesis.
         orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
         ways = itertools.product(orientations(frustum.resolution), orders)
         upright = (replace(nominal, orientation=turned, order=order) for turned, order in ways)
         tried = ranked(model for way in upright for model in self._hypotheses(way, several=several))
-        # Step 2: the conventions of the best ones, each with all values of near.
+        # Step 2: the conventions of the best candidates, each with all near offsets.
         conventions = {
             (entry.orientation, entry.order, entry.recentering, entry.one_camera): entry
             for entry in reversed(tried[:6])
         }
         best = ranked(replace(way, near=near) for way in conventions.values() for near in nears)
 
-        # Step 3: the best starts, and the best one of each group that was searched.
+        # Step 3: the best starting points, and the best one of each searched group.
         def first(name: str) -> RendererModel:
             off = (way for way in tried if getattr(way, name) != getattr(nominal, name))
             return next(off, tried[0])
@@ -309,7 +311,7 @@ class _Search:
         return [OneCamera(side, other_near=self.nominal.near) for side in (-1, 1)]
 
     def _hypotheses(self, upright: RendererModel, *, several: bool) -> Iterator[RendererModel]:
-        """Yield a candidate with every start value of one group, of the shear, or of one camera."""
+        """Yield candidates with every start value of one group, of the shear, or of one camera."""
         frustum, nominal = self.scene.frustum, self.nominal
         reach, recentered = frustum.longest_reach, frustum.recentered
         for part in sorted({nominal.near / reach, *START_NEARS[::4]}):
@@ -322,7 +324,7 @@ class _Search:
         yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
         for height in START_HEIGHTS if recentered else ():
             yield replace(upright, screen_height=height)
-        # In one aperture a wrong shear is a screen at another place, which is fitted.
+        # In one aperture a wrong shear is equivalent to a moved screen, which is fitted.
         shears = sorted(set(Recentering) - {nominal.recentering}) if recentered and several else []
         for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
             yield replace(upright, near=near, recentering=shear)
@@ -335,7 +337,7 @@ class _Search:
         *,
         roughly: bool = False,
     ) -> RendererModel:
-        """Fit some groups of a candidate, the others nominal; `roughly` ends near a pixel."""
+        """Fit some groups of a candidate, others nominal; to about a pixel if `roughly`."""
         values, index = self.nominal.parameters, _determined(self.scene, free)
         if not index:
             return start.with_parameters(values)
@@ -348,8 +350,8 @@ class _Search:
             values[index] = scaled * scales
             return outside_px(claims, start.with_parameters(values), cap)
 
-        # The first fit counts failures of up to a pixel by their squares, so that outlines that are
-        # pixels apart attract each other. The second one, with the scale of snapping, is precise.
+        # The first fit counts failures of up to a pixel by their squares, so that outlines attract
+        # each other over several pixels. The second fit, at the scale of snapping, is precise.
         scaled = np.clip(values[index], low, high) / scales
         for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
             scaled = least_squares(
@@ -367,7 +369,7 @@ class _Search:
         return start.with_parameters(values)
 
     def bent(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> Found:
-        """Return the candidate with equal angles and at most one group off nominal that holds."""
+        """Return candidates with equal angles and at most one group off nominal, if claims hold."""
         few = claims.thinned(MAX_SCREENED_CLAIMS)
         plain = dict.fromkeys(start.with_parameters(self.nominal.parameters) for start in starts)
         tried = [replace(start, film=film) for start, film in itertools.product(plain, LENSES)]
@@ -378,7 +380,7 @@ class _Search:
         return self.simplest(claims, [best], range(2), NOISE_FACTOR * SNAP_PX)
 
     def freest(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> RendererModel:
-        """Return the best candidate with all groups free, the better conditioned ones first."""
+        """Return the best candidate with all groups fitted, after the well-conditioned groups."""
         groups = self.groups(claims, together=True)
         fits: list[RendererModel] = []
         for free in (tuple(name for name in groups if name in USUAL_GROUPS), groups):
@@ -397,14 +399,14 @@ class _Search:
     def joint(
         self, claims: PixelClaims, freest: RendererModel, alone: Sequence[RendererModel]
     ) -> Found:
-        """Return the simplest candidates as good as the freest one, which is fitted once more."""
+        """Return the simplest candidates that fit as well as `freest`, which is fitted again."""
         freest = self.fitted(claims, freest, self.groups(claims, together=True))
         noise = _noise(claims, freest)
         if noise <= MAX_NOISE_PX:
             limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
             if fits := self.simplest(claims, [freest, *alone], counts, limit):
                 return fits
-        # The best candidate with at most one group off nominal, reported where none is good.
+        # If no candidate is good, return the best with at most one group off nominal.
         fits = [
             (self.fitted(claims, start, free), free)
             for free in ((), *((name,) for name in self.groups(claims)))
@@ -419,7 +421,7 @@ class _Search:
         counts: Iterable[int],
         limit_px: float,
     ) -> Found:
-        """Return candidates with fewest groups off nominal whose noise keeps a limit."""
+        """Return the candidates with fewest groups off nominal whose noise is within a limit."""
         few = claims.thinned(MAX_SCREENED_CLAIMS)
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
         stages = (
@@ -447,7 +449,7 @@ class _Search:
                 break
         ranked = sorted(passing.values(), key=lambda entry: entry[0])
         turned = [(model.orientation, model.order) for _, model, _ in ranked]
-        # A picture that is mirrored with the other half is the same, not a separate explanation.
+        # A mirrored picture with the other half mirrored is the same explanation, not another one.
         return [
             (model, free)
             for (_, model, free), way in zip(ranked, turned, strict=True)
@@ -462,8 +464,7 @@ class _Search:
         names = ("pivot", "fit", "recentering", "one_camera")
         choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)
         preference = sum(PREFERENCE.index(name) for name in free)
-        # Apertures at corners or edges of hogels, half a pitch off center, are the likelier
-        # mistakes.
+        # Apertures at corners or edges of hogels, half a pitch off center, are a likely mistake.
         pitch = np.divide(self.scene.plate.size, self.scene.plate.hogels)
         offset = np.abs(model.aperture_offset)
         at_corner = (np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch).all()
@@ -477,12 +478,11 @@ class _Search:
     def variants(
         self, starts: Sequence[RendererModel], free: tuple[str, ...]
     ) -> list[RendererModel]:
-        """Return the start values of fits of some groups, taken from the starting points.
+        """Return the start values of fits of some groups, from the starting points.
 
-        A defect that a starting point states in another group is translated: the freest candidate
-        has a moved scene in place of moved apertures, may have another pitch in place of another
-        size, and may have a part of a moved screen as a shift of the sampling points, or the
-        reverse.
+        Defects are translated between equivalent groups. The freest candidate always has a moved
+        scene in place of moved apertures. It may have another pitch in place of another scale. It
+        may divide the offset of the screen between the screen and the sampling point.
         """
         nominal, index = self.nominal, _determined(self.scene, free)
         variants: dict[RendererModel, None] = {}
@@ -516,19 +516,20 @@ def _interval(
 ) -> tuple[Floats, Floats, Floats]:
     """Return middle, lowest and highest values (P,) under which claims fail only by noise.
 
-    Each claim gives an inequality: the distance of the pixel's center from each edge of its
-    triangle, counted inward, is at least zero, rounding and noise allowed. After linearizing, the
-    candidates that satisfy all claims form a convex cell; linear programming finds its extent along
-    each axis. A renderer without a near offset may have one that is too small to be seen, because
-    no camera has its near plane in its center: all values are allowed that some such offset allows.
+    Each claim gives an inequality for each edge of its triangle: the inward distance of the pixel's
+    center from the edge is at least zero, within rounding and noise. After linearization, the
+    candidates that satisfy all claims form a convex cell, and linear programming computes its
+    extent along each axis. A renderer fitted without a near offset may have an invisibly small one,
+    because no camera has its near plane at its center. The cell therefore includes all such
+    offsets.
     """
     values = model.parameters
     middle, low, high = values.copy(), values.copy(), values.copy()
     if not free or not len(claims):
         return values, low, high
-    # Step 1: the distances that can bound the fit, and how fast each changes with each number that
-    # may move, by finite differences. An unseen near offset moves too; it has no interval of its
-    # own.
+    # Step 1: the distances that can bound the fit, and their derivatives with respect to all
+    # variable numbers, by finite differences. An invisible near offset varies too, without its own
+    # interval.
     allowed = SNAP_PX + noise_px
     distance, outside = inside_px(claims, model)
     camera, number = np.argmin(outside, axis=0), np.arange(len(claims))
@@ -551,11 +552,12 @@ def _interval(
     )
     if unseen:
         box[-1, 1] = UNSEEN_NEAR_PER_REACH * claims.scene.frustum.longest_reach / steps[-1]
-        # Surfaces in the plate itself move by any distance, and not in proportion.
+        # Surfaces in the plate itself move by any distance, not proportionally.
         kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
-    # Step 3: the smallest and the largest value of each number in the cell. Numbers count here in
-    # pixels by which they move outlines at most: with columns of 1e-8 and of 1e-5 px a step, and no
-    # bounds, the solver failed, and wrote so into the JSON on standard output.
+    # Step 3: the smallest and the largest value of each number in the cell. Numbers are scaled to
+    # the largest displacement of an outline, in pixels. With unscaled columns of 1e-8 and 1e-5 px
+    # per step, and no bounds, the solver failed, and printed a message into the JSON on standard
+    # output.
     known = np.where(np.abs(slopes[kept]) < SMALLEST_SLOPE_PX, 0.0, slopes[kept])
     largest = np.abs(known).max(axis=0, initial=0.0)
     largest[largest == 0] = 1.0

@@ -1,7 +1,8 @@
 """Registration: conventions and geometry from pictures without triangle numbers.
 
-Orientation and order are found by normalized correlation. The sampling point and the field of view
-are found by moving a finer picture of the reference until its difference from the image is least.
+Normalized correlation gives orientation and order. The sampling point and the field of view
+minimize the difference between the image and a shifted and scaled, finer picture of the
+reference.
 """
 
 from __future__ import annotations
@@ -32,32 +33,33 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-# Reference pixels for each pixel of an image, along each side; values between them are
-# interpolated. Its picture is wider than the film: a wider field of view finds surfaces there.
+# Reference pixels per image pixel along each side, with interpolation between them. Ratio of the
+# width of the reference's picture to the film: a wider field of view needs surfaces outside the
+# film.
 SUPERSAMPLING, PICTURE_FILMS = 8, 1.25
 
-# Confidence of the intervals, which are estimated from the spread over hogels, and the smallest
-# number of these: two give a spread with one degree of freedom, whose interval at 99 % is 64
-# standard errors wide to either side. More hogels than the largest number do not change the result.
+# Confidence of the intervals, which are estimated from the spread over hogels. Smallest number of
+# hogels: with two, the spread has one degree of freedom, and its 99 % interval extends 64 standard
+# errors to either side. Largest number of hogels: more do not change the result.
 INTERVAL_CONFIDENCE, MIN_INTERVAL_HOGELS, MAX_REGISTERED_HOGELS = 0.99, 3, 16
 
-# Step of finite differences in pixels. Outlines are discontinuous, so that smaller steps see no
-# slope; the reference's own pixels are half as large.
+# Step of finite differences in pixels: two pixels of the reference's finer picture. Outlines are
+# discontinuous, so that smaller steps would measure no slope.
 DERIVATIVE_STEP_PX = 0.25
 
 # Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of
-# the smallest shift that has a name (`drawn_model.SMALLEST_SHIFT_PX`).
+# the smallest reported shift (`drawn_model.SMALLEST_SHIFT_PX`).
 SHIFT_TOLERANCE_PX = 1e-3
 
 # Relative precision of a near offset.
 NEAR_PRECISION = 1e-3
 
-# Standard deviation of the filter under which outlines that lie pixels apart still attract each
+# Standard deviation, in pixels, of the filter that lets outlines several pixels apart attract each
 # other.
 BLUR_PX = 1.5
 
-# Largest difference in brightness that is taken for a small error. A pixel with a larger one shows
-# another surface, and its brightness is unrelated to the geometry.
+# Largest difference in brightness that counts as a small error. A pixel with a larger difference
+# shows another surface, and its brightness does not depend on geometry.
 MAX_BRIGHTNESS_DIFFERENCE = 0.05
 
 
@@ -65,9 +67,9 @@ MAX_BRIGHTNESS_DIFFERENCE = 0.05
 class _Pair:
     """Brightness (H, W) of an upright image, and the reference's finer and wider picture.
 
-    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, another
-    one for each hogel: without them, the best shift would always be a whole number of the picture's
-    pixels.
+    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, which
+    differs between hogels. Without offsets, the best shift would always be a whole number of the
+    picture's pixels.
     """
 
     image: Floats
@@ -92,11 +94,11 @@ class _Pair:
         return replace(self, image=image, wide=wide)
 
     def difference(self, values: Floats, order: int = 1) -> Floats:
-        """Return the reference's picture under some shift and fov, minus the image."""
+        """Return the reference's picture with a shift and fov, minus the image."""
         fine = []
         for axis, count in enumerate(self.image.shape):
-            # Rows come first in pictures, and last in numbers. Factors act on pixels from the
-            # film's middle; the result is in the fine picture's pixels.
+            # Pictures have rows first, `values` columns first. Factors scale distances from the
+            # film's middle; the result is in pixels of the fine picture.
             shift, factor, offset = values[1 - axis], values[3 - axis], self.offset[1 - axis]
             place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
             fine.append(place * SUPERSAMPLING + self.wide.shape[axis] / 2 - 0.5)
@@ -117,28 +119,29 @@ def register(
 ) -> GeometryFit:
     """Find orientation, order, shift and field of view of pictures of colors or objects.
 
-    A single hogel leaves order and intervals open. `nominal` is the renderer by its author's
-    statements.
+    A single hogel does not determine order and intervals. `nominal` is the model of the renderer
+    according to its author.
     """
-    # Step 1: leave out pictures of one brightness, which show nothing to register.
+    # Step 1: leave out uniform pictures, which cannot be registered.
     images = [image for image in images if np.ptp(as_gray(image)) > 0]
     fit = replace(GeometryFit.exact(nominal), by_color=True)
     if not images:
         return fit
     # Step 2: orientation and order by correlation.
     model = _conventions(reference, images, nominal)
-    # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own.
-    # Halton's sequence covers the square evenly, and has no period.
+    # Step 3: the reference's finer picture of each fitted hogel, each with its own grid offset. The
+    # Halton sequence covers the square evenly, without a period.
     chosen = spread(images, MAX_REGISTERED_HOGELS)
     offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / SUPERSAMPLING
     pairs = [
         _Pair.from_image(reference, model, image, offset)
         for image, offset in zip(chosen, offsets, strict=True)
     ]
-    # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
+    # Step 4: shift and field of view, first with blurred outlines, which attract each other, then
+    # with sharp ones.
     best = _closest(pairs, _least(pairs, _least([pair.blurred() for pair in pairs], _start(pairs))))
-    # Step 5: intervals; the four fitted numbers are the first four parameters. A number whose
-    # interval holds the nominal value keeps the nominal value.
+    # Step 5: intervals. The four fitted numbers are the first four parameters. A number is nominal
+    # if its interval contains the nominal value.
     half, values = _uncertainty(pairs, best), nominal.parameters
     fit.low[:4], fit.high[:4] = best - half, best + half
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
@@ -147,7 +150,7 @@ def register(
 
 
 def with_near(test: TestSet, model: RendererModel) -> RendererModel:
-    """Return a candidate with the best near offset in place of another film."""
+    """Return a candidate with the best near offset in place of another field of view."""
     few, plain = test.few(), replace(model, fov=test.nominal.fov)
     reach = test.reference.scene.frustum.longest_reach
 
@@ -164,10 +167,11 @@ def with_near(test: TestSet, model: RendererModel) -> RendererModel:
 
 
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
-    """Return a fit to pictures of a recentered frustum, in which a moved screen looks like a shift.
+    """Return a fit that distinguishes a shift from a moved screen, in a recentered frustum.
 
-    If the shift may lie within one pixel, the fit keeps the shift, with the moved screen as an
-    alternative. Otherwise it takes the moved screen, with the shift as an alternative.
+    The two look alike in pictures. If the shift may lie within one pixel, the fit has the shift,
+    with the moved screen as an alternative. Otherwise it has the moved screen, with the shift as an
+    alternative.
     """
     shift = np.asarray(fit.model.shift)
     if not shift.any():
@@ -207,11 +211,10 @@ def _conventions(
         for image in images:
             mine = orientation.upright(as_gray(image))
             its = truth(model.answers(scene, image.camera.aperture).index)
-            # A uniform picture agrees with no other.
+            # Correlation with a uniform picture is undefined.
             if np.ptp(its) > 0:
                 agreement += float(np.corrcoef(mine.ravel(), its.ravel())[0, 1])
-        # Pictures of a symmetric scene agree equally well: the first convention, no change, wins
-        # then.
+        # In a symmetric scene several conventions agree equally well: the first (no change) wins.
         if agreement > best + 1e-6 * len(images):
             best, chosen = agreement, model
     return chosen
@@ -226,8 +229,8 @@ def _start(pairs: Sequence[_Pair]) -> Floats:
         )[0]
         for pair in pairs
     ]
-    # A picture that moved to the right was sampled to the left. Larger shifts than an eighth of the
-    # film are false peaks of the correlation.
+    # If a picture moved to the right, it was sampled to the left. Shifts of more than an eighth of
+    # the film are false peaks of the correlation.
     shift = -np.median(moved, axis=0)[::-1]
     return np.append(
         np.where(np.abs(shift) < min(pairs[0].image.shape) / 8, shift, 0.0), nominal[2:]
@@ -235,13 +238,13 @@ def _start(pairs: Sequence[_Pair]) -> Floats:
 
 
 def _per_px(pairs: Sequence[_Pair]) -> Floats:
-    """Return the changes of shift and fov that move the picture's borders by a pixel, (4,)."""
+    """Return the changes (4,) of shift and fov that move the picture's border by a pixel."""
     height, width = pairs[0].image.shape
     return 1 / np.array([1.0, 1.0, width / 2, height / 2])
 
 
 def _least(pairs: Sequence[_Pair], start: Floats) -> Floats:
-    """Return shift and fov (4,) at which image and picture differ least, found with derivatives."""
+    """Return shift and fov (4,) that minimize the difference of image and picture."""
     scales = DERIVATIVE_STEP_PX * _per_px(pairs)
 
     def errors(units: Floats) -> Floats:
@@ -257,9 +260,9 @@ def _least(pairs: Sequence[_Pair], start: Floats) -> Floats:
 
 
 def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
-    """Return shift and fov (4,) at which fewest pixels show another surface, from a near start.
+    """Return shift and fov (4,) at which fewest pixels show another surface, from a close start.
 
-    The search needs no derivatives, which discontinuous outlines do not have, and does not
+    The search uses no derivatives, which do not exist at discontinuous outlines, and does not
     interpolate between surfaces.
     """
     scales = _per_px(pairs)
@@ -278,15 +281,15 @@ def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
 
 
 def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:
-    """Return half the interval widths by the jackknife over hogels; infinite for too few."""
+    """Return half the interval widths by the jackknife over hogels; infinite for too few hogels."""
     count = len(pairs)
     if count < MIN_INTERVAL_HOGELS:
         return np.full(4, np.inf)
-    # Step 1: the jackknife's variance, from fits that leave out one hogel each.
+    # Step 1: variance by the jackknife, from fits that leave out one hogel each.
     without = np.array([_closest([*pairs[:out], *pairs[out + 1 :]], best) for out in range(count)])
     variance = (count - 1) / count * np.square(without - without.mean(axis=0)).sum(axis=0)
-    # Step 2: each fine picture places outlines to within half of its pixels, independently of the
-    # others.
+    # Step 2: each fine picture locates outlines to within half of its own pixel, independently of
+    # the other pictures.
     grid = _per_px(pairs) / (2 * SUPERSAMPLING * np.sqrt(count))
     return np.asarray(
         grid + student.ppf((1 + INTERVAL_CONFIDENCE) / 2, count - 1) * np.sqrt(variance)

@@ -24,32 +24,31 @@ from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 MIN_EXPLAINED_FRACTION = 0.9
-"""Smallest share of the wrong pixels that a diagnosis explains.
+"""Smallest share of the wrong pixels that a diagnosis must explain.
 
-Under the renderer's true conventions only pixels that rounding moves across outlines are wrong, and
-these are excused where triangles are known. The remaining tenth makes room for pictures without
-numbers, whose outlines are not excused, and for a small second defect. A wrong candidate leaves the
-larger part unexplained.
-"""
+Under the renderer's true conventions only pixels at outlines are wrong, by rounding, and these are
+excused if images have triangle numbers. The remaining tenth allows for pictures without numbers,
+whose outlines are not excused, and for a small second defect. A wrong candidate leaves most of the
+wrong pixels unexplained."""
 
-# Largest number of right pixels that a diagnosis may make wrong without a known cause, as a share
-# of those that it makes right. Under the renderer's true conventions there are none; a defect of
-# one camera or object that is blamed on all of them spoils right pixels.
+# Largest number of right pixels that a diagnosis may make wrong without a known cause, relative to
+# the wrong pixels that it makes right. The renderer's true conventions make none wrong. A defect of
+# one camera or object that is attributed to all of them makes right pixels wrong.
 MAX_SPOILED_FRACTION = 0.02
 
-# Largest number of tested hogels, spread over the sample. Each has thousands of pixels: one hogel
-# has the share of all within a few percent.
+# Largest number of tested hogels, spread over the sample. Each has thousands of pixels, so that the
+# shares of one hogel and of all differ by a few percent.
 MAX_TESTED_HOGELS = 9
 
-# Smallest surplus of pixels that a defect makes right over those that it makes wrong, in standard
-# deviations of this difference if a coin decided each pixel.
+# Smallest number of pixels that a defect makes right, less the pixels that it makes wrong, in
+# standard deviations of this difference for random changes.
 MIN_GAIN_DEVIATIONS = 2.0
 
-# Share of wrong pixels, among those that show something, above which gross mistakes are tried: in a
-# scene of ten times the size nearly all are wrong.
+# Share of covered pixels that are wrong above which gross mistakes are tried: with a scene scaled
+# by ten nearly all are wrong.
 GROSS_WRONG_FRACTION = 0.5
 
-# Smallest share of a hogel's pixels, wrong without a cause, with which it is an outlier.
+# Smallest share of pixels wrong without a cause that makes a hogel an outlier.
 MIN_OUTLYING_FRACTION = 0.02
 
 
@@ -57,9 +56,9 @@ MIN_OUTLYING_FRACTION = 0.02
 class TestSet:
     """Images by which candidate models are tested.
 
-    `images` are some of the renderer's hogels as decoded, before any correction, each with the
-    camera of the aperture that its file is named after. `nominal` is the renderer by its author's
-    statements: the pixels that are wrong under it need an explanation.
+    `images` are decoded hogels of the renderer, before any correction, each with the camera of the
+    aperture in its file's name. `nominal` is the model of the renderer according to its author:
+    pixels that are wrong under this model need an explanation.
     """
 
     __test__: ClassVar[bool] = False  # keeps pytest from collecting this class
@@ -68,11 +67,11 @@ class TestSet:
     images: Sequence[HogelImage]
     nominal: RendererModel
     judging: Judging = field(default_factory=Judging)
-    #: wrong pixels (N, H, W) by candidate and whether causes excuse them: a cache
+    #: cache of wrong pixels (N, H, W), by candidate and by whether causes excuse pixels
     masks: dict[tuple[RendererModel, bool], Mask] = field(default_factory=dict, repr=False)
 
     def of(self, images: Sequence[HogelImage], judging: Judging | None = None) -> TestSet:
-        """Return the test set of other images of the renderer, perhaps with other rules."""
+        """Return a test set of other images of the renderer, with other rules if given."""
         return replace(self, images=images, judging=judging or self.judging, masks={})
 
     def few(self) -> TestSet:
@@ -81,25 +80,25 @@ class TestSet:
 
     @property
     def tested(self) -> list[HogelImage]:
-        """The tested images, spread evenly over all, `MAX_TESTED_HOGELS` at most."""
+        """At most `MAX_TESTED_HOGELS` images, spread evenly over all images."""
         return spread(self.images, MAX_TESTED_HOGELS)
 
     @property
     def _covered(self) -> Mask:
-        """Pixels (N, H, W) in which the tested images show something."""
+        """Mask (N, H, W) of pixels at which the tested images show a surface."""
         colored = [image.color is not None and shows_something(image) for image in self.tested]
         pairs = zip(map(covered_by, self.tested), colored, strict=True)
         return np.stack([covered | color for covered, color in pairs])
 
     @property
     def infeasible(self) -> bool:
-        """True if most of the shown pixels are wrong; false where images show nothing."""
+        """True if most of the covered pixels are wrong; False if no pixel is covered."""
         speaking = np.array([shows(image) for image in self.tested])
         shown = int(self._covered[speaking].sum()) if speaking.any() else 0
         return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def mask(self, model: RendererModel, *, explained: bool = False) -> Mask:
-        """Return a candidate's wrong pixels (N, H, W); if `explained`, without a cause."""
+        """Return a candidate's wrong pixels (N, H, W), without a cause if `explained`."""
         if (model, explained) not in self.masks:
             pairs = [
                 wrong_pixels(self.reference, model, image, self.judging, explained=explained)
@@ -111,7 +110,7 @@ class TestSet:
         return self.masks[model, explained]
 
     def wrong(self, model: RendererModel, *, explained: bool = False) -> int:
-        """Count a candidate's wrong pixels; if `explained`, without a known cause."""
+        """Count a candidate's wrong pixels; if `explained`, only those without a known cause."""
         return int(self.mask(model, explained=explained).sum())
 
     def outliers(self, model: RendererModel) -> Iterator[TestSet]:
@@ -125,13 +124,13 @@ class TestSet:
         return any(True for _ in self.outliers(model))
 
     def share(self, model: RendererModel) -> float | None:
-        """Return the share of the wrong pixels that a candidate explains; None if none is wrong.
+        """Return the share of wrong pixels that a candidate explains; None if no pixel is wrong.
 
-        A pixel is explained if it is wrong by the nominal model, and right by the candidate or
-        wrong by a cause that is not a defect: edge, order, lost. Pixels that only the candidate
-        makes wrong count against it. The smaller of the shares among all pixels and among those in
-        which images show something counts: a candidate under which nothing is visible explains
-        black pixels, but no shown ones.
+        A pixel is explained if it is wrong under the nominal model, and under the candidate either
+        right or wrong by a cause that is not a defect: edge, order, lost. Pixels that only the
+        candidate makes wrong count against it. The share is computed over all pixels and over
+        covered pixels, and the smaller one is returned: a candidate without visible surfaces
+        explains black pixels, but no covered pixels.
         """
         before, after = self.mask(self.nominal), self.mask(model, explained=True)
         if not before.any():
@@ -141,30 +140,31 @@ class TestSet:
         return float(max(0.0, min(1 - left / wrong for wrong, left in counts if wrong)))
 
     def explains(self, model: RendererModel) -> bool:
-        """Return whether a candidate explains enough to be a diagnosis, or nothing is wrong."""
+        """Return whether a candidate explains enough for a diagnosis, or no pixel is wrong."""
         share = self.share(model)
         return share is None or share >= MIN_EXPLAINED_FRACTION
 
     def spares(self, model: RendererModel) -> bool:
-        """Return whether right pixels of the nominal model stay right, rounding excused."""
-        # Only triangle numbers separate rounding from errors; else the share alone decides.
+        """Return whether right pixels of the nominal model stay right, except by rounding."""
+        # Only triangle numbers separate rounding from errors. Other images are judged only by
+        # `share`.
         named = [bool((image.triangle != NOTHING).any()) for image in self.tested]
         before, after = self.mask(self.nominal)[named], self.mask(model)[named]
         spoiled = self.mask(model, explained=True)[named] & ~before
         return bool(spoiled.sum() <= MAX_SPOILED_FRACTION * (before & ~after).sum())
 
     def pays(self, model: RendererModel, simpler: RendererModel | None = None) -> bool:
-        """Return whether a candidate gains pixels over a simpler one, or the nominal one."""
+        """Return whether a candidate has fewer wrong pixels than a simpler one, or than nominal."""
         mine, other = self.mask(model), self.mask(simpler or self.nominal)
         gained, lost = int((other & ~mine).sum()), int((mine & ~other).sum())
         return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
 
     def reduced(self, model: RendererModel) -> RendererModel:
-        """Return a candidate without defects that add nothing to the explanation by the others."""
+        """Return a candidate without defects that do not improve the explanation by the others."""
         while True:
             simpler = list(self._simpler(model))
             rest = [candidate for candidate in simpler if not self.pays(model, candidate)]
-            # The last remaining defect stays: its share decides whether it is a diagnosis.
+            # The last defect remains: `share` determines whether it is a diagnosis.
             if not rest or len(simpler) == 1:
                 return model
             model = min(rest, key=self.wrong)
@@ -184,7 +184,7 @@ class TestSet:
 
 
 def spread(images: Sequence[HogelImage], most: int) -> list[HogelImage]:
-    """Return some images, spread evenly over all."""
+    """Return at most `most` images, spread evenly over all."""
     chosen = np.linspace(0, len(images) - 1, min(len(images), most)).astype(int)
     return [images[index] for index in dict.fromkeys(chosen.tolist())]
 

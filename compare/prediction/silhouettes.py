@@ -301,7 +301,7 @@ class Silhouettes:
         return float(np.sum(steps.length * self._snapped(settings, subpixel_bits) * counted))
 
     def _snapped(self, settings: DoubleFrustum, subpixel_bits: int) -> Floats:
-        """Return the mean distance (N,) from each step of pixels that only snapping makes wrong."""
+        """Return the mean width (N,), px, of spans at steps that only snapping makes wrong."""
         steps, *_ = sides = self._contours_for(settings)
         c, b = self._ends(settings, sides)
         between = steps.kind == Kind.OBJECTS
@@ -312,7 +312,7 @@ class Silhouettes:
     def _ends(
         self, settings: DoubleFrustum, contours: tuple[Contours, TruePoints, TruePoints]
     ) -> tuple[Floats, Floats]:
-        """Return the end of each step's front in the picture, and the begin of its back, px.
+        """Return the end c of each front in the picture, and the beginning b of its back, (N,) px.
 
         The displacements of both sides are evaluated at the contour, half a pixel from either
         center.
