@@ -320,10 +320,15 @@ def svg(rows: Sequence[Row]) -> str:
             }
             points = [(across(hogels), down(seconds)) for hogels, seconds in fastest.items()]
             curves.append((*_CURVES[way], points))
-        panel = {"title": crossed.scene, "x": _LEFT + number * (width + _LEFT), "curves": curves}
-        if crossed.measured:
-            panel |= {"crossed": f"{crossed.measured:,.0f}", "at": across(crossed.measured)}
-        panels.append(panel)
+        meeting = crossed.measured
+        panels.append(
+            {
+                "title": crossed.scene,
+                "x": _LEFT + number * (width + _LEFT),
+                "curves": curves,
+                "crossed": meeting and (f"{meeting:,.0f}", across(meeting)),
+            }
+        )
     drawn = {
         "panels": panels,
         "pixels": " x ".join(map(str, RESOLUTION)),

@@ -60,7 +60,7 @@ def choose(scene: Scene, request: Request) -> tuple[By, str]:
             f"which need no near: {width * height:,} views of all hogels",
         )
         if width * height > columns * rows:
-            reason += f"; --near draws {columns * rows:,} hogels instead, and fewer are faster"
+            reason += f"; --near draws {columns * rows:,} hogels instead, and plan times both"
     elif problem:
         chosen, reason = By.HOGELS, ""
     elif stored is not None:

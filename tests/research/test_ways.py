@@ -38,6 +38,8 @@ def test_the_crossover_of_straight_lines_is_that_of_the_formula(
     assert crossed.measured == pytest.approx(expected) and crossed.ratio == pytest.approx(1)
     (never,) = crossovers(rows[:4])
     assert never.measured is None and never.ratio is None
+    assert f"{expected:,.0f} hogels</text>" in svg(rows)
+    assert "hogels</text>" not in svg(rows[:4])
 
 
 def test_the_published_page_and_figure_follow_from_the_data() -> None:

@@ -97,8 +97,8 @@ def plate(request: _Plate) -> None:
     """Draw a plate, or blocks of it, into a Zarr group, hogel by hogel or by directions.
 
     By directions an image is one pixel of all hogels: a parallel view without near, faster for
-    several times more hogels than each has pixels. Stored hogels are kept: stopped at any moment
-    and called again, it goes on where it was. Several processes may draw one plate at once, and
+    many hogels of few pixels. Stored hogels are kept: stopped at any moment and called again, it
+    goes on where it was. Several processes may draw one plate at once, and
     --workers, --scheduler or --part divide it. Any reader of Zarr opens it, xarray with names and
     units. With --aperture-samples, a number, a share such as 5%, or auto, each hogel is the mean
     over points of its area (band limiting).
