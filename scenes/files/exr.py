@@ -134,9 +134,13 @@ def read_header(path: Path) -> Header:
         attributes: dict[str, Any] = {}
         for header in reversed(headers):
             attributes |= header
-    stored = sum(count * math.prod(part) for count, part in zip(counts, sizes, strict=True))
-    # 4 bytes are the largest pixel of a channel; planes of the display window are copies.
-    check_declared(path, 4 * (stored + math.prod(size)), "pixels")
+    # Each channel is read in its data window, and copied into a plane of the display window.
+    pixels = sum(
+        count * (math.prod(part) + math.prod(size))
+        for count, part in zip(counts, sizes, strict=True)
+    )
+    # 4 bytes are the largest pixel of a channel.
+    check_declared(path, 4 * pixels, "pixels")
     compressions = tuple(header["compression"] for header in headers)
     return Header(attributes=attributes, size=size, channels=channels, compressions=compressions)
 

@@ -188,6 +188,16 @@ def test_the_display_window_is_the_picture_whatever_pixels_are_stored(tmp_path: 
     equal(crop.triangle[inside], numbers()[inside].astype(np.int64) - 1)
 
 
+def test_a_display_window_larger_than_memory_is_refused_for_all_its_channels(
+    tmp_path: Path,
+) -> None:
+    planes = vector("P.", points()) | {"id.triangle": numbers()}
+    # One plane of this window takes half of the bound of 1 GiB.
+    display = np.array([[0, 0], [WIDTH - 1, (1 << 27) // WIDTH]], np.int32)
+    with pytest.raises(InputError, match="of memory"):
+        read(tmp_path, planes, displayWindow=tuple(display))
+
+
 def test_storage_says_how_exactly_it_holds_positions(tmp_path: Path) -> None:
     position = points() * np.float32(1.0004)  # nearly half a step of half precision
 
