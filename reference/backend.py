@@ -36,7 +36,7 @@ _arrays: Any = importlib.import_module(f"drjit.{ARRAYS}")
 Array3f, Array4f = _arrays.Array3f, _arrays.Array4f
 Array3f64, Array4f64 = _arrays.Array3f64, _arrays.Array4f64
 Float32, Float64, Int32, UInt32 = _arrays.Float32, _arrays.Float64, _arrays.Int32, _arrays.UInt32
-Bool = _arrays.Bool
+UInt64, Bool = _arrays.UInt64, _arrays.Bool
 
 __all__ = [
     "ARRAYS",
@@ -47,6 +47,7 @@ __all__ = [
     "Float64",
     "Int32",
     "UInt32",
+    "UInt64",
     "constants",
     "cross",
     "difference",

@@ -91,21 +91,18 @@ def bounding_boxes(
     bundle: RayBundle,
     exact: ExactPencil | NearbyLines,
     margin: float = 0.0,
-    border: int = 0,
 ) -> list[Boxes]:
     """Return the boxes of all triangles that the film of a ray bundle may show.
 
     This is called while `recording`; `exact` are the pencil's lines in integers, or the distance of
     lines from a pencil that they are close to. A margin, in pixels, makes boxes wider than rounding
-    requires: the positions of points to compare are rounded as well, which doubles the bound. A
-    border adds columns and rows around the film for everything outside it; the columns and rows of
-    boxes are then numbered from the first of the border.
+    requires.
     """
     all_boxes: list[Boxes] = []
     seen_from = Viewpoint.from_bundle(bundle)
-    film = [FilmAxis.from_bundle(bundle, axis, margin, border) for axis in range(2)]
+    film = [FilmAxis.from_bundle(bundle, axis, margin) for axis in range(2)]
     sides = [side for side in (1, -1) if side * bundle.s_range[side > 0] > 0]
-    height = bundle.resolution[1] + 2 * border
+    height = bundle.resolution[1]
     most = max(1, MAX_ROWS // height)
     for start in range(0, len(triangles), most):
         lane = dr.arange(UInt32, min(most, len(triangles) - start)) + dr.opaque(UInt32, start)
@@ -147,7 +144,7 @@ def bounding_boxes(
             holds = {n: exact.contains_center(n) for n in around.tolist()}
             whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
         if whole:
-            ends = (0, bundle.resolution[0] - 1 + 2 * border, 0, height - 1)
+            ends = (0, bundle.resolution[0] - 1, 0, height - 1)
             all_boxes.append(
                 Boxes(
                     number=on_device(np.array(whole, dtype=np.uint32)),
@@ -172,8 +169,8 @@ def pixel_slack(bundle: RayBundle, axis: int) -> float:
 class FilmAxis:
     """Map from slopes to columns or rows, (slope - shear) scale + middle, within `slack`.
 
-    For parallel lines the places where they meet the plate stand for slopes. Boxes reach `border`
-    pixels beyond the film's ends; `steepest` is the largest magnitude of a slope.
+    For parallel lines the places where they meet the plate stand for slopes. `steepest` is the
+    largest magnitude of a slope.
     """
 
     def __init__(
@@ -184,17 +181,14 @@ class FilmAxis:
         scale: float,
         slack: float,
         steepest: float,
-        border: int = 0,
     ) -> None:
         self.shear, self.scale, self.middle, self.slack, self.steepest = constants(
             [shear, scale, (count - 1) / 2, slack, steepest]
         )
-        self.count, self.border, self.last = constants([count, border, count - 1 + border])
+        self.count, self.last = constants([count, count - 1])
 
     @classmethod
-    def from_bundle(
-        cls, bundle: RayBundle, axis: int, margin: float = 0.0, border: int = 0
-    ) -> FilmAxis:
+    def from_bundle(cls, bundle: RayBundle, axis: int, margin: float = 0.0) -> FilmAxis:
         """Return the columns (axis 0) or rows (1) of a ray bundle's film.
 
         With a margin, `slack` is wider, see `bounding_boxes`.
@@ -206,7 +200,6 @@ class FilmAxis:
             scale=count / (2 * bundle.half_extent[axis]),
             slack=margin + 2 * slack if margin else slack,
             steepest=float(np.abs((bundle.dx, bundle.dy)[axis]).max()),
-            border=border,
         )
 
     def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
@@ -216,10 +209,10 @@ class FilmAxis:
         return tuple(dr.minimum(dr.maximum(end, -1.0), self.count) for end in (first, last))
 
     def pixels(self, low: Any, high: Any) -> list[Any]:
-        """Return the first and the last pixel between two places, counted from the border."""
-        first = dr.minimum(dr.maximum(low - self.slack, -self.border), self.count)
+        """Return the first and the last pixel between two places."""
+        first = dr.minimum(dr.maximum(low - self.slack, 0.0), self.count)
         last = dr.minimum(dr.maximum(high + self.slack, -1.0), self.last)
-        return [Int32(dr.ceil(first) + self.border), Int32(dr.floor(last) + self.border)]
+        return [Int32(dr.ceil(first)), Int32(dr.floor(last))]
 
 
 def _box(corners: list[list[Any]], film: Sequence[FilmAxis], side: int) -> list[Any]:

@@ -1,32 +1,22 @@
 """Occlusion query: points of an image hidden by other surfaces on their own lines (docs/truth.md).
 
-The formulas of `cone` and the boxes of `boxes` decide the answer, as for the truth. A point's own
-line has the slopes (x - a_x)/s and (y - a_y)/s, as doubles. A triangle hides the point if this line
-meets it before the point by more than half of the tolerance within which the point is known, and if
-the point lies farther from the triangle's plane than this tolerance: a point nearer to the plane
-may as well lie on its other side, where the triangle does not hide it. Pairs left open by doubles
-are decided in rational numbers.
+A point's own line has the slopes (x - a_x)/s and (y - a_y)/s, as doubles. A triangle hides the
+point if this line meets it before the point by more than half of the tolerance within which the
+point is known, and if the point lies farther from the triangle's plane than this tolerance: a point
+nearer to the plane may as well lie on its other side, where the triangle does not hide it.
 
-Points are sorted by the cells of the film that their lines pass: one cell about each pixel's
-center, with a border for all that lies beside it. A triangle's box of cells holds every cell in
-which a line may meet it; a triangle without a cell in common with a point cannot hide it. There is
-one lane for each row of cells of a triangle's box. The lane walks the points in these cells, which
-are contiguous, and records the points whose lines may meet the triangle before the point.
+The lines are rays: the walk and the filter of `reference.rays` return the triangles that a line may
+meet before its point. Pairs left open by doubles are decided in rational numbers.
 """
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
 from xfrustum.reference.backend import (
-    Array4f64,
-    Bool,
     Float64,
-    Int32,
     UInt32,
     constants,
     cross,
@@ -38,31 +28,13 @@ from xfrustum.reference.backend import (
     recording,
     vectors_on_device,
 )
-from xfrustum.reference.certify.boxes import FilmAxis, bounding_boxes
-from xfrustum.reference.certify.cone import (
-    ROUNDING,
-    UNDERFLOW,
-    Cones,
-    Planes,
-    Triangles,
-    Viewpoint,
-    in_range,
-)
+from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Planes, Triangles
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import RayBundle
-from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.rays.integers import meet
+from xfrustum.reference.rays.rays import RAYS_AT_ONCE, ExactMesh
+from xfrustum.reference.rays.walk import Rays
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-
-#: distance, in pixels, of a cell's sides from its center
-HALF_CELL = 0.5
-
-#: Room for pairs of each point at first. Most points are not hidden; if there are more pairs, the
-#: walk is repeated with room for all of them.
-PAIRS_PER_POINT = 1 / 8
-
-#: least room for pairs
-MIN_PAIRS = 1 << 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,58 +48,22 @@ class SurfacePoints:
     #: distance of a point does not hide it. A mesh's tessellation therefore has no effect.
     tolerance: Floats
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Lines:
-    """Lines through points, sorted by cells of the film; `start` is the first line of each cell.
-
-    `line` has slopes dx and dy, end, and the number of the point's own triangle, (4 N,) line by
-    line; `point` the numbers of the points, and `positions` the coordinates x, y and z of all
-    points, and their tolerances.
-    """
-
-    line: Any
-    point: Any
-    start: Any
-    positions: list[Any]
+    def __getitem__(self, some: slice) -> "SurfacePoints":
+        """Return some of the points."""
+        return SurfacePoints(**{name: values[some] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Rows:
-    """Rows of cells that bounding boxes cover, one lane per row; `behind` follows the last cell."""
+class _Pairs:
+    """Pairs (K,) of a point and another triangle that its line may meet, or surely meets."""
 
-    first: Any
-    behind: Any
-    number: Any
-    #: true if the triangle contains the center, where all lines meet it; None if no triangle does
-    holds: Any
+    point: Indices
+    triangle: Indices
+    sure: Mask
 
-
-def _rows_of_cells(triangles: Triangles, bundle: RayBundle) -> list[_Rows]:
-    """Return the cells in which a pencil's lines may meet triangles, from its first s on."""
-    # Surfaces beyond the range are not imaged. A picture that shows them nevertheless may also show
-    # them in front of other surfaces.
-    endless = replace(bundle, s_range=(bundle.s_range[0], math.inf))
-    exact = ExactPencil(triangles.corners, bundle)
-    width, height = (side + 2 for side in bundle.resolution)
-    all_rows = []
-    for boxes in bounding_boxes(triangles, endless, exact, HALF_CELL, 1):
-        reaching = boxes.rows(range(height))
-        if reaching is None:
-            continue
-        box, row = reaching
-        number = dr.gather(UInt32, boxes.number, box)
-        left, right = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
-        start = UInt32(row) * dr.opaque(UInt32, width)
-        rows = _Rows(
-            first=start + UInt32(left),
-            behind=start + UInt32(right) + 1,
-            number=number,
-            holds=None if boxes.holds is None else dr.gather(Bool, boxes.holds, box),
-        )
-        dr.eval(rows.first, rows.behind, rows.number, rows.holds)
-        all_rows.append(rows)
-    return all_rows
+    def __getitem__(self, chosen: Mask) -> "_Pairs":
+        """Return some of the pairs."""
+        return _Pairs(**{name: values[chosen] for name, values in vars(self).items()})
 
 
 class Occlusion:
@@ -135,72 +71,73 @@ class Occlusion:
 
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
-        # All settings of an aperture share its rows, and each of several threads judges one
-        # aperture.
-        self._rows = lru_cache(maxsize=worker_count() + 1)(
-            lambda bundle: _rows_of_cells(triangles, bundle)
-        )
+
+    @cached_property
+    def _mesh(self) -> ExactMesh:
+        return ExactMesh(self._triangles.corners)
 
     def hidden(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
         """Return which points (N,) lie behind another surface on their own line from the center."""
         behind = np.zeros(len(points.position), dtype=np.bool_)
-        if not len(behind) or not len(self._triangles):
+        if not len(self._triangles):
             return behind
-        with recording():
-            hidden = dr.zeros(Bool, len(behind))
-            lines = _sorted_lines(bundle, points)
-            open_pairs = [
-                self._classify_pairs(bundle, rows, lines, hidden) for rows in self._rows(bundle)
-            ]
-            behind |= hidden.numpy()
-        for point, triangle in open_pairs:
-            # Only points that no triangle surely hides are decided in rational numbers.
-            undecided = np.flatnonzero(~behind[point])
-            met = self._hides(bundle, points, point[undecided], triangle[undecided])
-            behind[point[undecided][met]] = True
+        # Parts bound the memory of rays and pairs.
+        for start in range(0, len(behind), RAYS_AT_ONCE):
+            part = slice(start, start + RAYS_AT_ONCE)
+            behind[part] = self._hidden(bundle, points[part])
         return behind
 
-    def _classify_pairs(
-        self, bundle: RayBundle, rows: _Rows, lines: _Lines, hidden: Any
-    ) -> tuple[Indices, Indices]:
-        """Mark points that are surely hidden; return the pairs of point and triangle left open."""
-        none = np.zeros(0, dtype=np.int64)
-        first, last = (dr.gather(UInt32, lines.start, cell) for cell in (rows.first, rows.behind))
-        # Rows without lines would idle beside those that walk.
-        lane: Any = dr.compress(first < last)
-        if not dr.width(lane):
-            return none, none
-        first, last, number = (
-            dr.gather(UInt32, values, lane) for values in (first, last, rows.number)
-        )
-        holds = False if rows.holds is None else dr.gather(Bool, rows.holds, lane)
-        cones = Cones.from_points(
-            self._triangles.points(number), Viewpoint.from_bundle(bundle), holds
-        )
-        room = max(MIN_PAIRS, int(PAIRS_PER_POINT * dr.width(lines.point)))
-        (nearest,) = constants(bundle.s_range[:1])
-        count, pairs = _walk(cones, (first, last, number), lines, nearest, room)
-        if count > room:
-            count, pairs = _walk(cones, (first, last, number), lines, nearest, count)
-        if not count:
-            return none, none
-        at = dr.arange(UInt32, count)
-        point, triangle, sure = (dr.gather(type(values), values, at) for values in pairs)
-        x, y, z, tolerance = (dr.gather(Float64, values, point) for values in lines.positions)
-        # A point is hidden only if it is not near the triangle's plane: |(p_0 - P) . n| > t |n|.
-        # The bounds of n's coordinates bound its length.
-        planes = Planes.from_points(self._triangles.points(triangle), (x, y, z), False)
-        length, magnitude = (
-            dr.sqrt(dot(values, values)) for values in (planes.normal, planes.magnitude)
-        )
-        beyond = abs(planes.offset) - product(tolerance, length)
-        bound = planes.bound + product(product(ROUNDING, tolerance), magnitude) + UNDERFLOW
-        surely = sure & (beyond > bound)
-        dr.scatter(hidden, Bool(True), point, surely)
-        left: Any = dr.compress(~surely & (beyond >= -bound))
-        point, triangle = (dr.gather(UInt32, values, left) for values in (point, triangle))
-        dr.eval(hidden, point, triangle)
-        return point.numpy().astype(np.int64), triangle.numpy().astype(np.int64)
+    def _hidden(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
+        pairs = self._pairs(bundle, points)
+        behind = np.zeros(len(points.position), dtype=np.bool_)
+        if not len(pairs.point):
+            return behind
+        beyond, within = self._off_planes(points, pairs)
+        behind[pairs.point[pairs.sure & beyond]] = True
+        # Only points that no triangle surely hides are decided in rational numbers.
+        left = pairs[~within & ~behind[pairs.point]]
+        met = self._hides(bundle, points, left.point, left.triangle)
+        behind[left.point[met]] = True
+        return behind
+
+    def _pairs(self, bundle: RayBundle, points: SurfacePoints) -> _Pairs:
+        """Return the pairs of points and other triangles that may be met before them."""
+        with recording():
+            met = self._mesh.candidates_of(_lines_to(self._mesh, bundle, points))
+        # Bounds of places exceed the errors: a place within the closed range for sure is before
+        # its end.
+        pairs = _Pairs(point=met.ray, triangle=met.triangle, sure=met.sure)
+        pairs = pairs[points.triangle[pairs.point] != pairs.triangle]
+        # Doubles leave every line in doubt that meets a triangle in the center itself, at s = 0.
+        exact = ExactPencil(self._triangles.corners, bundle)
+        depth = bundle.center[2] - points.position[pairs.point, 2]
+        through = (depth > points.tolerance[pairs.point]) & (bundle.s_range[0] <= 0)
+        for number in np.unique(pairs.triangle[through & ~pairs.sure]).tolist():
+            corners = self._triangles.corners[number] - bundle.center
+            touches = (corners.min(axis=0) <= 0).all() and (corners.max(axis=0) >= 0).all()
+            if touches and exact.contains_center(number):
+                pairs.sure[through & (pairs.triangle == number)] = True
+        return pairs
+
+    def _off_planes(self, points: SurfacePoints, pairs: _Pairs) -> tuple[Mask, Mask]:
+        """Return which points surely lie off the triangles' planes, and which surely do not.
+
+        A point is off a plane farther than its tolerance t: |(p_0 - P) . n| > t |n|.
+        """
+        with recording():
+            position = vectors_on_device(points.position[pairs.point])
+            tolerance = on_device(points.tolerance[pairs.point])
+            corners = self._triangles.points(UInt32(on_device(pairs.triangle)))
+            planes = Planes.from_points(corners, position, False)
+            # The bounds of n's coordinates bound its length.
+            length, magnitude = (
+                dr.sqrt(dot(values, values)) for values in (planes.normal, planes.magnitude)
+            )
+            beyond = abs(planes.offset) - product(tolerance, length)
+            bound = planes.bound + product(product(ROUNDING, tolerance), magnitude) + UNDERFLOW
+            surely, not_at_all = beyond > bound, beyond < -bound
+            dr.eval(surely, not_at_all)
+            return surely.numpy(), not_at_all.numpy()
 
     def _hides(
         self, bundle: RayBundle, points: SurfacePoints, point: Indices, triangle: Indices
@@ -209,7 +146,7 @@ class Occlusion:
         if not len(point):
             return np.zeros(0, dtype=np.bool_)
         position, tolerance = points.position[point], points.tolerance[point]
-        # The same doubles as in `_sorted_lines`.
+        # The same doubles as in `_lines_to`.
         offset = position - bundle.center
         dx, dy = offset[:, 0] / -offset[:, 2], offset[:, 1] / -offset[:, 2]
         ends = -offset[:, 2] - tolerance / (2 * np.sqrt(dx * dx + dy * dy + 1.0))
@@ -227,77 +164,16 @@ class Occlusion:
         return hides
 
 
-def _sorted_lines(bundle: RayBundle, points: SurfacePoints) -> _Lines:
-    """Return the lines to points, up to half a tolerance before their own surface."""
-    positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
-    own, point = on_device(points.triangle), dr.arange(UInt32, len(points.position))
-    center = constants(bundle.center)
-    s = center[2] - positions[2]
-    dx, dy = ((positions[axis] - center[axis]) / s for axis in range(2))
-    film = [FilmAxis.from_bundle(bundle, axis) for axis in range(2)]
-    # Rows count down.
-    places = [
-        product(slope - axis.shear, product(sign, axis.scale)) + axis.middle
-        for slope, axis, sign in zip((dx, dy), film, (1.0, -1.0), strict=True)
-    ]
-    end = s - positions[3] / product(2.0, dr.sqrt(product(dx, dx) + product(dy, dy) + 1.0))
-    column, row = (
-        UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1)
-        for place, side in zip(places, constants(bundle.resolution), strict=True)
-    )
-    width, height = (side + 2 for side in bundle.resolution)
-    cell = row * dr.opaque(UInt32, width) + column
-    # Counting sort: the order of the lines within a cell does not matter.
-    number: Any = dr.zeros(UInt32, width * height + 1)
-    rank = dr.scatter_inc(number, cell)
-    together = Array4f64(dx, dy, end, Float64(own))
-    dr.eval(together, cell, rank, number)
-    start: Any = dr.prefix_sum(number)
-    first: Any = dr.gather(UInt32, start, cell)
-    target = first + rank
-    line, sorted_point = dr.empty(Float64, 4 * dr.width(own)), dr.empty(UInt32, dr.width(own))
-    # The four numbers of a line are adjacent, so that a walk reads a line at once.
-    dr.scatter(line, together, target)
-    dr.scatter(sorted_point, point, target)
-    dr.eval(line, sorted_point, start)
-    return _Lines(line=line, point=sorted_point, start=start, positions=positions)
-
-
-def _walk(
-    cones: Cones, lanes: tuple[Any, Any, Any], lines: _Lines, nearest: Any, room: int
-) -> tuple[int, tuple[Any, Any, Any]]:
-    """Return the number of pairs of point and triangle, and the pairs for which there is room.
-
-    Pairs are arrays of points, of triangles that may be met before them, and of whether they surely
-    are.
-    """
-    first, last, number = lanes
-    named = Float64(number)
-    written: Any = dr.opaque(UInt32, 0)
-    limit: Any = dr.opaque(UInt32, room)
-    points, triangles, certain = (
-        dr.empty(UInt32, room),
-        dr.empty(UInt32, room),
-        dr.empty(Bool, room),
-    )
-
-    def step(query: Any) -> tuple[Any]:
-        dx, dy, end, own = dr.gather(Array4f64, lines.line, query)
-        s, error = cones.planes.along_rows(dy).met(dx)
-        possible, sure = in_range(s, error, False, (nearest, end))
-        may_cover, covers = cones.covering(dx, dy)
-        possible &= may_cover & (own != named)
-        sure &= covers & (s + error < end)
-        slot = dr.scatter_inc(written, UInt32(0), possible)
-        fits = possible & (slot < limit)
-        dr.scatter(points, dr.gather(UInt32, lines.point, query, fits), slot, fits)
-        dr.scatter(triangles, number, slot, fits)
-        dr.scatter(certain, sure, slot, fits)
-        return (query + 1,)
-
-    dr.while_loop((UInt32(first),), lambda query: query < last, step)
-    dr.eval(written, points, triangles, certain)
-    return int(written[0]), (points, triangles, certain)
+def _lines_to(mesh: ExactMesh, bundle: RayBundle, points: SurfacePoints) -> Rays:
+    """Return the lines to points, up to half a tolerance before them, as rays through a mesh."""
+    *center, first = constants([*bundle.center, bundle.s_range[0]])
+    x, y, z = vectors_on_device(points.position)
+    s = center[2] - z
+    dx, dy = (x - center[0]) / s, (y - center[1]) / s
+    steepness = dr.sqrt(product(dx, dx) + product(dy, dy) + 1.0)
+    end = s - on_device(points.tolerance) / product(2.0, steepness)
+    lanes = dr.zeros(Float64, dr.width(end))
+    return mesh.rays_from(bundle.center, [dx, dy, lanes - 1.0], (lanes + first, end))
 
 
 def _off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:

@@ -6,7 +6,7 @@ lie before the limit, the filter (`filter`) keeps the triangles that may be firs
 (`integers`) decide rays with several of them, or with one in doubt.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
@@ -19,6 +19,7 @@ from xfrustum.reference.backend import (
     Float64,
     Int32,
     UInt32,
+    UInt64,
     constants,
     dr,
     interleaved,
@@ -50,6 +51,9 @@ LARGEST = float(np.finfo(np.float64).max)
 
 #: Count of a pair that is not surely met: a single one already leaves its ray open
 DOUBTFUL_WEIGHT = 2
+
+#: bits of the exponent of a double
+EXPONENT_BITS = 0x7FF << 52
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,14 +163,16 @@ class ExactMesh:
         #: power of two by which lengths are multiplied, so that the size is at most 1
         self._scale = -int(np.frexp(size)[1])
         scaled, middle = _shifted(triangles, self._scale), _shifted(middle, self._scale)
-        centered = scaled - middle
-        self._boxes = Boxes(build_tree(centered))
+        self._centered = scaled - middle
+        self._boxes = Boxes(build_tree(self._centered))
         self._corners = Triangles(scaled)
-        self._embree = EmbreeMesh(
-            centered.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
-        )
         with recording():
             self._middle = constants(middle.tolist())
+
+    @cached_property
+    def _embree(self) -> EmbreeMesh:
+        corners = self._centered.reshape(-1, 3)
+        return EmbreeMesh(corners, np.arange(len(corners)).reshape(-1, 3))
 
     def first(self, rays: RayBatch) -> FirstHits:
         """Return the first surfaces along rays."""
@@ -221,17 +227,39 @@ class ExactMesh:
             }
         )
 
+    def rays_from(self, origin: Sequence[float], direction: list[Any], ends: Sequence[Any]) -> Rays:
+        """Return rays from one point, given by directions and ends on the device.
+
+        No direction's largest component may be below full precision.
+        """
+        largest = dr.maximum(dr.maximum(abs(direction[0]), abs(direction[1])), abs(direction[2]))
+        # The exponent alone: the largest power of two up to that component.
+        bits: Any = dr.reinterpret_array(UInt64, largest)
+        power: Any = dr.reinterpret_array(Float64, bits & EXPONENT_BITS)
+        start = constants(_shifted(np.asarray(origin), self._scale).tolist())
+        (unit,) = constants([2 * 2.0**self._scale])
+        lanes = dr.zeros(Float64, dr.width(largest))
+        return Rays.from_origins(
+            [lanes + place for place in start],
+            [part * (0.5 / power) for part in direction],
+            [end * power * unit for end in ends],
+            self._middle,
+        )
+
     def candidates(self, batch: RayBatch) -> Candidates:
         """Return all pairs that may meet; pairs of rays from afar are not examined."""
         if not len(batch):
             none, nowhere = np.zeros(0, dtype=np.int64), np.zeros(0)
             return Candidates(ray=none, triangle=none, t=nowhere, error=nowhere, sure=none > 0)
         with recording():
-            rays = self._on_device(batch)
-            ray, triangle = self._boxes.pairs(rays, rays.ends[1])
-            t, error, sure, possible = self._examined(rays, ray, triangle)
-            columns = _compressed(possible, ray, triangle, t, error, sure)
-            far = np.flatnonzero(rays.far.numpy())
+            return self.candidates_of(self._on_device(batch))
+
+    def candidates_of(self, rays: Rays) -> Candidates:
+        """Return the `candidates` of rays on the device; called while `recording`."""
+        ray, triangle = self._boxes.pairs(rays, rays.ends[1])
+        t, error, sure, possible = self._examined(rays, ray, triangle)
+        columns = _compressed(possible, ray, triangle, t, error, sure)
+        far = np.flatnonzero(rays.far.numpy())
         every = np.arange(len(self.triangles))
         nowhere = np.zeros(len(far) * len(every))
         from_afar = np.repeat(far, len(every)), np.tile(every, len(far))

@@ -13,7 +13,6 @@ from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
 from tests.support.views import at, soup, view
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.reference.certify import occlusion
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
 from xfrustum.scenes import Frustum
 from xfrustum.scenes.arrays import Floats, Mask
@@ -147,9 +146,8 @@ def test_a_sheet_does_not_hide_its_own_points_however_fine_it_is(
     assert not hidden(corners, crossed_frustum(FRUSTUM, at(0.0, y)), points, FRUSTUM).any()
 
 
-def test_many_layers_hide_what_lies_behind_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_layers_hide_what_lies_behind_them() -> None:
     """There are more pairs than there is room for at first."""
-    monkeypatch.setattr(occlusion, "MIN_PAIRS", 5)
     layer = np.array([[-90.0, -90, 0], [90, -90, 0], [0, 180, 0]])
     corners = layer - np.array([0.0, 0.0, 1.0]) * (1 + np.arange(40) / 8)[:, None, None]
     position = np.array([(x, 0.5, z) for x in np.linspace(-3, 3, 12) for z in (-0.5, -3.0, -9.0)])
