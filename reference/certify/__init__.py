@@ -1,9 +1,9 @@
-"""First surface along each line: proven in floating point, decided in integers, or a tie.
+"""First surface along each line: proven in floating point, computed in integers, or a tie.
 
-* cone: triangles seen from a center: edge functions and planes, with bounds of rounding
-* boxes: broad phase, the bounding box on the film of every triangle that may show there
-* filter: narrow phase, nearest sure and nearest possible surface of each pixel
-* certify: the decision: proven by bounds, a tie of coincident triangles, or decided in integers
-* exact: decisions in integers: whether and where a line meets a triangle
-* occlusion: points of an image hidden by other surfaces on their own lines
+* cone: edge functions and planes of triangles seen from a center, with rounding bounds
+* boxes: broad phase, the bounding box on the film of every triangle that may be visible
+* filter: narrow phase, nearest certain and nearest possible surface of each pixel
+* certify: decision of each pixel: by rounding bounds, as a tie, or in integers
+* exact: integer arithmetic: whether and where a line meets a triangle
+* occlusion: points of an image that other surfaces hide on the points' own lines
 """

@@ -1,9 +1,9 @@
-"""The broad phase: the bounding box, on the film, of every triangle that may show there.
+"""Broad phase: the bounding box, on the film, of every triangle that may be visible.
 
-The box of a triangle is the range of the projections of its corners on one side of the center; a
-triangle that crosses the height of the center reaches to infinity there. Boxes are widened by the
-bound on rounding errors (docs/truth.md, "Nothing is left out"), so that no pixel outside a
-triangle's box shows the triangle.
+The box of a triangle bounds the projections of those parts of it that lie on one side of the
+center. The box of a triangle that crosses the height of the center extends to infinity. Boxes are
+widened by the bound on rounding errors (docs/truth.md, "Nothing is left out"), so that no pixel
+outside a triangle's box shows the triangle.
 """
 
 from __future__ import annotations
@@ -35,28 +35,28 @@ from xfrustum.reference.certify.cone import (
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import RayBundle
 
-#: Largest number of rows of all boxes of one `Boxes`: they are counted in 32 bits
+#: Largest total number of rows of the boxes of one `Boxes`, which are counted in 32 bits
 MAX_ROWS = 1 << 31
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boxes:
-    """Bounding boxes of some triangles on a film, as Dr.Jit's arrays with one lane for each box."""
+    """Bounding boxes of triangles on a film, as Dr.Jit arrays with one lane per box."""
 
     number: Any  #: Triangle numbers; a triangle on both sides of the center's height has two boxes
     box: list[Any]  #: First and last column, first and last row, inclusive
-    #: Sign of the edge functions inside each triangle; None if the sign is in doubt, or if the
-    #: triangle's box in space contains the center: such triangles are not cut by their edges row by
-    #: row
+    #: Sign of the edge functions inside each triangle. None if the sign is uncertain, or if the
+    #: triangle's bounding box in space contains the center; the rows of such boxes are not cut at
+    #: the triangle's edges
     turn: Any = None
-    #: True if the center lies in the closed triangle, decided exactly; None for triangles with a
-    #: known sign, which do not contain it
+    #: True if the center lies in the closed triangle, computed exactly; None for triangles with a
+    #: known sign, which do not contain the center
     holds: Any = None
 
     def rows(self, within: range) -> tuple[Any, Any] | None:
-        """Return box and row of each row of pixels of all boxes in a range; None if empty.
+        """Return the box number and row of each pixel row of all boxes in a range; None if empty.
 
-        Lanes of one box follow one another, from the top.
+        Lanes of one box are consecutive, from the top row down.
         """
         first, last = dr.opaque(Int32, within.start), dr.opaque(Int32, within.stop - 1)
         top = dr.maximum(self.box[2], first)
@@ -66,7 +66,7 @@ class Boxes:
         count = int(before[-1]) + int(heights[-1])
         if not count:
             return None
-        # Boxes are counted at their first rows; those without rows begin where the next one does.
+        # Count boxes at their first rows; a box without rows begins where the next box does.
         begins = dr.zeros(UInt32, count)
         unit = dr.opaque(UInt32, 1)
         inside = before < dr.opaque(UInt32, count)
@@ -80,9 +80,9 @@ class Boxes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NearbyLines:
-    """Lines that pass by the center of a pencil instead of through it."""
+    """Lines close to the center of a pencil that do not pass through it exactly."""
 
-    apart: Sequence[Any]  #: bound on their distance in x and in y, at the height of the center
+    apart: Sequence[Any]  #: bound on their distance from the center in x and in y, at its height
     ends: Sequence[Any]  #: first and last s, counted from the plate
 
 
@@ -134,9 +134,9 @@ def bounding_boxes(
             all_boxes += chosen_boxes(start, box, doubtful, None)
         reached: Any = dr.compress(touching)
         around = reached.numpy() + start
-        # The other triangles may contain the center, and then every line meets them. If the center
-        # lies in a triangle's plane but outside the triangle, no line meets it, and no line meets a
-        # triangle without area.
+        # The remaining triangles may contain the center; every line meets such a triangle. If the
+        # center lies in a triangle's plane but outside the triangle, no line meets it. No line
+        # meets a triangle without area.
         if isinstance(exact, NearbyLines):
             holds = dict.fromkeys(around.tolist(), False)
             whole = list(holds)
@@ -159,8 +159,8 @@ def pixel_slack(bundle: RayBundle, axis: int) -> float:
     """Return a bound in pixels on the rounding of a projection near the film and of the slopes.
 
     A projected slope x / s has a relative rounding error of 3 u; k and t add another 3 u. Near the
-    film no slope exceeds |k| + t, and W / (2 t) converts slopes to pixels. The bound is twice the
-    result.
+    film no slope exceeds |k| + t, and W / (2 t) converts slopes to pixels. The returned bound is at
+    least twice the result.
     """
     ratio = abs(bundle.shear[axis]) / bundle.half_extent[axis]
     return 16 * UNIT_ROUNDOFF * bundle.resolution[axis] * (ratio + 2)
@@ -209,7 +209,7 @@ class FilmAxis:
         return tuple(dr.minimum(dr.maximum(end, -1.0), self.count) for end in (first, last))
 
     def pixels(self, low: Any, high: Any) -> list[Any]:
-        """Return the first and the last pixel between two places."""
+        """Return the first and the last pixel between two film positions."""
         first = dr.minimum(dr.maximum(low - self.slack, 0.0), self.count)
         last = dr.minimum(dr.maximum(high + self.slack, -1.0), self.last)
         return [Int32(dr.ceil(first)), Int32(dr.floor(last))]
@@ -252,8 +252,8 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
         [dr.select(mine, slope, -np.inf) for mine, slope in zip(ahead, slopes, strict=True)]
     )
     for i, j in EDGES:
-        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j). Where the sign of x is in
-        # doubt, the range reaches to infinity both ways.
+        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j). If the sign of x is
+        # uncertain, the range reaches to infinity in both directions.
         crosses = ahead[i] ^ ahead[j]
         here, there = product(x[j], s[i]), product(x[i], s[j])
         toward = product(dr.select(s[i] - s[j] > 0, float(side), -float(side)), here - there)

@@ -1,10 +1,10 @@
-"""The decision: each pixel is proven, decided in integers, or a tie.
+"""Certification: each pixel is proven, decided in integers, or a tie.
 
 The argument (docs/truth.md): `filter` misses no triangle that a line meets, and bounds every
-rounding error. If a line surely meets a triangle before the nearest possible point of every other
-triangle, this triangle is first, independent of any tracer: the pixel is proven. If the filter
-leaves a pixel open, edge functions at its center may still prove it; coincident triangles are a
-tie; integers decide the rest.
+rounding error. If a line certainly meets a triangle in front of the nearest possible point of every
+other triangle, this triangle is first, independent of any tracer: the pixel is proven. Pixels that
+the filter leaves open may still be proven by edge functions at the pixel's center. Coincident
+triangles are a tie. All other pixels are decided in integers.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ class FirstSurfaces:
     """The first surfaces along the lines of some rows."""
 
     triangle: Numbers  #: (rows, W) int32 triangle number, `NOTHING` where a line meets no triangle
-    s: Floats  #: (rows, W) float64 place along the line, NaN where it meets none
+    s: Floats  #: (rows, W) float64 position along the line, NaN where it meets no triangle
     certainty: Bytes  #: (rows, W) uint8 `Certainty`
     #: (N, 3) row of the image, column and triangle number of each triangle that shares a tie
     tied_triangles: Indices
-    #: `triangle` and `s` as flat arrays of Dr.Jit if they lie on its device; else None
+    #: `triangle` and `s` as flat Dr.Jit arrays if they are on its device; else None
     device: tuple[Any, Any] | None = None
 
     def renumbered(self, numbers: Indices) -> FirstSurfaces:
         """Return the same decisions with `numbers` (F,) in place of triangles 0 to F - 1."""
-        # The last entry stands for `NOTHING`, which is -1.
+        # The index -1, `NOTHING`, selects the last entry.
         known = np.append(numbers, NOTHING)
         tied_triangles = self.tied_triangles.copy()
         tied_triangles[:, 2] = known[tied_triangles[:, 2]]
@@ -52,7 +52,7 @@ class FirstSurfaces:
 
 
 class Certifier:
-    """Decides the first surfaces along the lines of one image."""
+    """Computes the first surfaces along the lines of one image, with certainty."""
 
     def __init__(self, triangles: Triangles, bundle: RayBundle | PixelLines) -> None:
         self.bundle = bundle
@@ -77,7 +77,7 @@ class Certifier:
         decided = FirstSurfaces(
             triangle=classified.triangle.reshape(shape),
             s=classified.s.reshape(shape),
-            # Proven unless ambiguous: `_settle` overwrites these.
+            # Pixels are proven unless they are ambiguous; `_settle` overwrites ambiguous pixels.
             certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
             tied_triangles=np.zeros((0, 3), dtype=np.int64),
             device=classified.device,
@@ -101,7 +101,7 @@ class Certifier:
             decided.certainty.ravel(),
         )
         width = self.bundle.resolution[0]
-        # Step 1: a pixel with one sure contender left is proven.
+        # Step 1: a pixel with a single remaining candidate that is certainly met is proven.
         contenders = _not_behind(ambiguous, base, len(triangle))
         rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[
             contenders.pixel - base
@@ -110,7 +110,7 @@ class Certifier:
         triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
         s[contenders.pixel[proven] - base] = contenders.s[proven]
 
-        # Step 2: pixels whose contenders coincide on every line are ties on this line too.
+        # Step 2: candidates with equal s on every line are a tie.
         groups = _Groups.from_pairs(contenders[~proven])
         tied = groups.tied(self._exact)
         leaders = groups.starts[tied]
@@ -139,7 +139,7 @@ def first_surfaces(corners: Floats, bundle: RayBundle) -> FirstSurfaces:
 
 
 def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
-    """Return the pairs that are not surely behind another pair, now that coverage is settled."""
+    """Return the pairs that are not certainly behind another pair of their pixel."""
     limit = np.full(pixels, np.inf)
     np.minimum.at(limit, pairs.pixel[pairs.sure] - base, pairs.farthest[pairs.sure])
     return pairs[pairs.nearest <= limit[pairs.pixel - base]]
@@ -149,7 +149,7 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
 class _Groups:
     """Ambiguous pairs by pixel and triangle, each triangle once.
 
-    `starts` and `sizes` (G,) are first pair and number of pairs of each pixel.
+    `starts` (G,) are the first pairs of the pixels, and `sizes` (G,) their numbers of pairs.
     """
 
     pairs: Pairs
@@ -158,8 +158,8 @@ class _Groups:
 
     @classmethod
     def from_pairs(cls, ambiguous: Pairs) -> _Groups:
-        # A triangle whose side is in doubt has two pairs for a pixel. The sure pair is sorted first
-        # and kept.
+        # A triangle with an uncertain side may have two pairs for a pixel. The certain pair is
+        # sorted first and kept.
         pairs = ambiguous[np.lexsort((~ambiguous.sure, ambiguous.triangle, ambiguous.pixel))]
         again = (np.diff(pairs.pixel, prepend=-1) == 0) & (np.diff(pairs.triangle, prepend=-1) == 0)
         pairs = pairs[~again]
@@ -167,17 +167,17 @@ class _Groups:
         return cls(pairs=pairs, starts=starts, sizes=sizes)
 
     def tied(self, exact: ExactPencil | ExactGrid) -> Mask:
-        """Return which groups consist of triangles that every line meets at the same s.
+        """Return a mask of the groups of triangles that every line meets at the same s.
 
         These are triangles through the center, which every line meets at exactly s = 0, and
         triangles in exactly the same plane.
         """
         if not len(self.starts):
             return np.zeros(0, dtype=np.bool_)
-        # Triangles through the center have s = 0 exactly, and so has the first of their group.
+        # Triangles through the center have s = 0 exactly, if the first of the group has, too.
         leader = np.repeat(self.starts, self.sizes)
         known = (self.pairs.error == 0) & (self.pairs.error[leader] == 0)
-        # Triangles in the plane of the group's first triangle: decided in integers, once per pair.
+        # Triangles in the plane of the group's first triangle, computed in integers once per pair.
         sure = np.repeat(np.logical_and.reduceat(self.pairs.sure, self.starts), self.sizes)
         unsettled = np.flatnonzero(sure & ~known)
         planes = np.stack(
@@ -201,7 +201,7 @@ class _Groups:
 def _first(
     pixel: int, numbers: list[int], exact: ExactPencil | ExactGrid
 ) -> tuple[list[int], float]:
-    """Return the first of some triangles along a pixel's line in ascending order, and their s."""
+    """Return the triangles that a pixel's line meets first, in ascending order, and their s."""
     hits = {number: s for number in numbers if (s := exact.meets(pixel, number)) is not None}
     if not hits:
         return [], float("nan")

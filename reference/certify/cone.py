@@ -1,19 +1,19 @@
-"""Triangles as cones about the common point of all lines, with bounds of rounding.
+"""Triangles as cones about the common point of all lines, with rounding bounds.
 
 For q_i = p_i - center, a line center + s d meets the triangle's edge (i, j) where
 
     E_ij(d) = d . (q_i x q_j)
 
-is zero, and the triangle itself where E_01, E_12 and E_20 have one common sign, on either side of
-the center. It meets the triangle's plane at s = (q_0 . n) / (d . n), n = (p_1 - p_0) x (p_2 - p_0).
-All three edge functions are linear in d: a crossed frustum needs no clipping and no second case.
+is zero, and the triangle itself if E_01, E_12 and E_20 have the same sign, on either side of the
+center. It meets the triangle's plane at s = (q_0 . n) / (d . n), n = (p_1 - p_0) x (p_2 - p_0). All
+three edge functions are linear in d: a crossed frustum needs no clipping and no second case.
 
-Rounding (docs/truth.md derives the constants): with u = 2^-53, every edge function and both dot
-products are computed within `ROUNDING` times their own sum of absolute products. Valid while no
-product under- or overflows; coordinates between 1e-75 and 1e75, and zero, are safe.
+Rounding (docs/truth.md derives the constants): with u = 2^-53, the error of every edge function and
+of both dot products is at most `ROUNDING` times the sum of absolute products. This is valid as long
+as no product underflows or overflows: coordinates between 1e-75 and 1e75, and zero, are safe.
 
-All arrays are Dr.Jit's, with one lane for each pair of a line and a triangle, or each row of a
-triangle.
+All arrays are Dr.Jit arrays, with one lane for each pair of a line and a triangle, or for each row
+of a triangle.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ UNIT_ROUNDOFF = 2.0**-53
 #: u for the rounding of the bound itself
 ROUNDING = 12 * UNIT_ROUNDOFF
 
-#: Smallest double of full precision. Below it, each of the three quotients and products that make s
-#: and its bound is off by at most half a step, 2^-1075, of any size; this number covers all three.
+#: Smallest double of full precision. Below it, each of the three quotients and products in s and
+#: its bound has an error of at most half a step, 2^-1075, whatever its size; this number covers all
+#: three.
 UNDERFLOW = 2.0**-1022
 
 #: first and second corner of each edge of a triangle
@@ -59,7 +60,7 @@ class Triangles:
 
     def __init__(self, corners: Floats) -> None:
         self.corners = corners
-        # A gather reads four adjacent numbers at once.
+        # Corners are padded to four numbers, because a gather reads four adjacent numbers at once.
         padded = np.zeros((len(corners), 3, 4))
         padded[..., :3] = corners
         with recording():
@@ -82,9 +83,9 @@ class Triangles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Viewpoint:
-    """The center of a ray bundle, and first and last s of its range.
+    """Center of a ray bundle, and first and last s of its range.
 
-    `slack` is the relative error of -q_z, the s of a corner: zero if the center lies in the plate.
+    `slack` is the relative error of s of a corner, -q_z; zero if the center lies in the plate.
     """
 
     center: list[Any]
@@ -106,9 +107,10 @@ class Viewpoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Planes:
-    """Planes of triangles: n, not normalized, and q_0 . n, with bounds of their rounding errors.
+    """Planes of triangles: n, not normalized, and q_0 . n, with rounding bounds.
 
-    `magnitude` has the sums of absolute products in n; `bound` bounds `offset`, q_0 . n.
+    `magnitude` are the sums of absolute products in n. `offset` is q_0 . n, and `bound` the bound
+    of its rounding error.
     """
 
     normal: list[Any]
@@ -121,11 +123,12 @@ class Planes:
         cls, points: Sequence[Sequence[Any]], center: Sequence[Any], holds: Any
     ) -> Planes:
         """Return the planes of triangles; `holds` marks those that contain the center."""
-        # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
+        # The normal is computed from edge vectors p_j - p_0, because q_j - q_0 would be rounded
+        # twice.
         first, second = difference(points[1], points[0]), difference(points[2], points[0])
         normal, magnitude = cross(first, second), cross_magnitude(first, second)
-        # The bound covers the sum of all absolute products in q_0 . n. If the center lies in the
-        # triangle, both are exactly zero.
+        # The bound is relative to the sum of absolute products in q_0 . n. If the center lies in
+        # the triangle, offset and bound are exactly zero.
         corner = difference(points[0], center)
         offset = _dot(corner, normal)
         bound = product(ROUNDING, _dot([abs(part) for part in corner], magnitude))
@@ -137,7 +140,7 @@ class Planes:
         )
 
     def along_rows(self, dy: Any) -> RowPlanes:
-        """Return the planes along lines of some slopes dy, for any dx."""
+        """Return the planes along rows of lines with slopes dy, for any dx."""
         normal, magnitude = self.normal, self.magnitude
         return RowPlanes(
             offset=self.offset,
@@ -154,8 +157,8 @@ class Cones:
     """Triangles seen from the center of a ray bundle.
 
     `edges` are q_i x q_j of the edges 01, 12 and 20, `magnitudes` the sums of absolute products in
-    them. `within` is true if all of a triangle surely lies in the range of the lines, `holds` where
-    the center lies in the closed triangle.
+    them. `within` is true if the whole triangle certainly lies in the range of the lines, and
+    `holds` if the center lies in the closed triangle.
     """
 
     edges: list[list[Any]]
@@ -169,7 +172,7 @@ class Cones:
         cls, points: Sequence[Sequence[Any]], seen_from: Viewpoint, holds: Any
     ) -> Cones:
         """Return triangles, given by their corners, as cones."""
-        # The corners q_i relative to the center. One rounding each.
+        # The corners q_i relative to the center, with one rounding each.
         corners = [difference(point, seen_from.center) for point in points]
         low, high = seen_from.depths([corner[2] for corner in corners])
         return cls(
@@ -181,7 +184,7 @@ class Cones:
         )
 
     def covering(self, dx: Any, dy: Any) -> tuple[Any, Any]:
-        """Return whether lines may pass through the triangles, and whether they surely do."""
+        """Return whether lines may pass through the triangles, and whether they certainly do."""
         positive, negative = [], []
         for edge, magnitude in zip(self.edges, self.magnitudes, strict=True):
             value = product(edge[0], dx) + product(edge[1], dy) - edge[2]
@@ -195,14 +198,13 @@ class Cones:
         outside = (positive[0] | positive[1] | positive[2]) & (
             negative[0] | negative[1] | negative[2]
         )
-        # All lines meet a triangle that contains the center there, for any values of its edge
-        # functions.
+        # Every line meets a triangle that contains the center, whatever its edge functions.
         return self.holds | ~outside, self.holds | inside
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RowPlanes:
-    """The planes of triangles along single rows of lines.
+    """Planes of triangles along single rows of lines.
 
     Along a row d . n = normal_x dx + level; its rounding error is at most
     `ROUNDING` (magnitude_x |dx| + level_magnitude).
@@ -222,8 +224,8 @@ class RowPlanes:
 
             |s - s_true| <= (bound + |s| slope_bound) / (|slope| - slope_bound).
 
-        The error is infinite where the slope may be zero, and zero where the plane runs through the
-        center exactly.
+        The error is infinite where the slope may be zero, and zero where the plane passes exactly
+        through the center.
         """
         # The denominator d . n and its bound. Its sign is certain, with a margin, if it exceeds
         # twice its bound.
@@ -233,18 +235,18 @@ class RowPlanes:
 
 
 def places(offset: Any, bound: Any, slope: Any, slope_bound: Any) -> tuple[Any, Any]:
-    """Return s = q_0 . n / d . n of two rounded dot products with bounds, and a bound on its error.
+    """Return s = q_0 . n / d . n of two dot products with rounding bounds, and its error bound.
 
     The error is infinite where the slope may be zero; see `RowPlanes.met`.
     """
     # The sign of the denominator is certain, with a margin, if it exceeds twice its bound.
     margin = abs(slope) - slope_bound
     certain = margin > slope_bound
-    # The quotient. A 1 in place of an uncertain slope keeps it finite.
+    # The quotient; 1 in place of an uncertain slope keeps it finite.
     s = dr.select(certain, offset / dr.select(certain, slope, 1.0), 0.0)
-    # The bound on the errors of both dot products.
+    # The error bound due to both dot products.
     error = (bound + product(abs(s), slope_bound)) / dr.select(certain, margin, 1.0)
-    # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of
+    # Add the roundings of this expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of
     # quotients below full precision.
     error = product(error, 1 + ROUNDING) + product(ROUNDING, abs(s))
     error = error + dr.select(bound > 0, UNDERFLOW, 0.0)
@@ -252,12 +254,12 @@ def places(offset: Any, bound: Any, slope: Any, slope_bound: Any) -> tuple[Any, 
 
 
 def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any, Any]:
-    """Return whether s +- error may lie in a range, and whether a hit surely counts there.
+    """Return whether s +- error may lie in a range, and whether the hit certainly counts.
 
-    A triangle that surely lies within the range is not tested against its ends, because the test
-    would leave hits close to them in doubt. If even the sign of s is uncertain, the triangle may be
-    first, but its place is unknown: the pixel is left to the integers. A hit with an infinite error
-    is never sure.
+    A triangle that certainly lies within the range is not tested against the ends of the range,
+    because the test would leave hits close to the ends uncertain. If even the sign of s is
+    uncertain, the triangle may be first, but its position is unknown, and the pixel is decided in
+    integers. A hit with an infinite error is never certain.
     """
     largest = float(np.finfo(np.float64).max)
     first, last = dr.select(within, -largest, ends[0]), dr.select(within, largest, ends[1])
@@ -267,13 +269,12 @@ def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any,
 
 
 def cross_magnitude(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    """Return the sums of absolute products in a x b, to which its rounding errors are relative."""
+    """Return the sums of absolute products in a x b, the scale of its rounding errors."""
     (ax, ay, az), (bx, by, bz) = ([abs(part) for part in vector] for vector in (a, b))
     sums = (ay, bz, az, by), (az, bx, ax, bz), (ax, by, ay, bx)
     return [product(a, b) + product(c, d) for a, b, c, d in sums]
 
 
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    # Do not use `backend.dot`: its sums have another order, which would change the last bits of
-    # places.
+    # Do not use `backend.dot`: its sums have another order, which would change the last bits of s.
     return product(a[0], b[0]) + product(a[2], b[2]) + product(a[1], b[1])

@@ -1,7 +1,8 @@
-"""Lines of one pixel of all hogels in the filter: an aperture of the plate for each pixel.
+"""Lines of one pixel of all hogels, for the filter: each film pixel is an aperture.
 
-The lines of a pixel have one direction d in all hogels of a centered frustum, and pass through one
-point of the screen in a recentered one. The edge function of a line a + s d and an edge (i, j),
+In a centered frustum, the lines of a pixel have the same direction d in all hogels; in a recentered
+frustum, they pass through one point of the screen. The edge function of a line a + s d and an edge
+(i, j),
 
     E_ij = d . ((p_i - a) x (p_j - a)),
 
@@ -9,15 +10,16 @@ is linear in the aperture a for one direction, and linear in d for one aperture:
 
     E_ij(a) = (d x e)_x a_x + (d x e)_y a_y + d . (p_i x p_j),    e = p_j - p_i.
 
-So `filter` serves both, with the roles of apertures and slopes exchanged: boxes bound the triangles
-projected along d onto the plate. Inside a triangle all three have the sign of d . n.
+Therefore `filter` works for both, with apertures in place of slopes: boxes bound the triangles
+projected along d onto the plate. Inside a triangle all three edge functions have the sign of d . n.
 
-Lines through a point M of the screen are a pencil about M, but for the rounding of their slopes:
-line and pencil are `apart` by less than delta at the height of M, which moves an edge function by
-at most |delta . (d x e)|. The bound of its rounding is larger by this much.
+Lines through a point M of the screen are a pencil about M, except for the rounding of their slopes.
+At the height of M, the distance of a line from M (`apart`) is less than delta. This changes an edge
+function by at most |delta . (d x e)|, which is added to its rounding bound.
 
-Places, their bounds, and what decides an open pixel are the same expressions of the same doubles as
-for the lines through one aperture (`cone`): their bits are equal (docs/truth.md, "By directions").
+The values of s, their bounds, and the tests of open pixels are the same expressions of the same
+doubles as for lines through one aperture (`cone`), so that all bits are equal (docs/truth.md, "By
+directions").
 """
 
 from __future__ import annotations
@@ -68,7 +70,7 @@ from xfrustum.scenes.arrays import Floats
 
 
 class ExactGrid:
-    """Lines of a grid against triangles, in integers: each line is a pencil of its own."""
+    """Intersections of the lines of a grid in integers; each line is a separate pencil."""
 
     def __init__(self, triangles: Floats, grid: PixelLines) -> None:
         self._triangles, self._grid = triangles, grid
@@ -82,11 +84,12 @@ class ExactGrid:
         return self._pencil(0, (first, second)).coplanar(0, 1)
 
     def through_apertures(self, pairs: Pairs) -> Pairs:
-        """Return pairs in which planes through a line's own aperture are decided.
+        """Return pairs after exact tests of planes that pass through the pixel's aperture.
 
-        Lines through one aperture decide once for each triangle whether it holds the aperture,
-        which all of its lines meet at s = 0, or its plane holds it beside the triangle, which none
-        of them meets. So these pairs are sure or dropped, as in the image of the hogel.
+        If a triangle contains the aperture, all lines of the hogel meet it at s = 0, and the pair
+        becomes certain. If only its plane contains the aperture, no line of the hogel meets it, and
+        the pair is dropped. The image of the hogel has the same result, from one test per
+        triangle.
         """
         s, error, sure = pairs.s.copy(), pairs.error.copy(), pairs.sure.copy()
         kept = np.ones(len(s), dtype=np.bool_)
@@ -96,14 +99,15 @@ class ExactGrid:
         apart = (corners.min(axis=1) > center) | (corners.max(axis=1) < center)
         for k in np.flatnonzero(~apart.any(axis=1) | ~np.isfinite(error)).tolist():
             pencil = self._pencil(int(pairs.pixel[k]), (int(pairs.triangle[k]),))
-            # A needle that aims at the aperture is one point of the hogel's film.
+            # A needle (a triangle without area) on a line through the aperture covers one point of
+            # the hogel's film.
             if pencil.aims_past(0):
                 kept[k] = False
             elif apart[k].any():
-                # A triangle seen edge-on leaves the hogel's pixels open that lie in its own box.
+                # A triangle seen edge-on leaves those pixels of the hogel open that lie in its box.
                 kept[k] = np.isfinite(error[k]) or pencil.box_holds(0)
             elif pencil.contains_center(0):
-                # A line that may lie in the triangle's plane is left to the integers.
+                # Lines that may lie in the triangle's plane are decided in integers.
                 if np.isfinite(error[k]):
                     s[k], error[k], sure[k] = pencil.zero(0), 0.0, True
             else:
@@ -132,7 +136,7 @@ class DirectionLines:
         return self._film.boxes(triangles)
 
     def cones(self, points: Sequence[Sequence[Any]], holds: Any) -> Cones:
-        """Return triangles, given by their corners, as these lines see them."""
+        """Return edge functions and planes of triangles, given by corners, for these lines."""
         edges, magnitudes = self._film.edges(points)
         normal, magnitude = _normals(points)
         z = [point[2] for point in points]
@@ -148,8 +152,8 @@ class DirectionLines:
         self, points: Sequence[Sequence[Any]], column: Any, row: Any
     ) -> tuple[Any, Any, Any]:
         """Return whether lines may, or surely do, pass through triangles; see `filter.Lines`."""
-        # The formulas of the lines through each pixel's aperture, so that a pixel is open here
-        # where it is open in the image of its hogel.
+        # Use the formulas of the lines through each pixel's aperture, so that the same pixels are
+        # open as in the image of the hogel.
         (x, dx), (y, dy), zero = self._line_of_column(column), self._line_of_row(row), Float64(0.0)
         seen_from = Viewpoint(center=[x, y, zero], ends=self.ends, slack=zero)
         cones = Cones.from_points(points, seen_from, False)
@@ -172,7 +176,7 @@ class DirectionLines:
 
 
 class _ParallelFilm:
-    """The plate as the film of parallel lines: variables are the places of apertures."""
+    """The plate as the film of parallel lines: variables are the positions of apertures."""
 
     def __init__(self, grid: PixelLines, triangles: Triangles) -> None:
         self.variables = (grid.x, grid.y)
@@ -191,9 +195,10 @@ class _ParallelFilm:
 
     @staticmethod
     def _slack(triangles: Triangles, axis: int, grid: PixelLines) -> float:
-        # A projection x + z dx has a relative rounding error of 2 u of its terms; the subtraction,
-        # the product and the sum of the map add 3 u of a place on the film, and the doubles of the
-        # apertures lie within 4 u of the plate's size of an even grid. The bound is twice the sum.
+        # A projection x + z dx has a rounding error of 2 u relative to its terms. The subtraction,
+        # the product and the sum of the map add 3 u of a position on the film. The doubles of the
+        # apertures deviate from an even grid by at most 4 u of the plate's size. The bound is at
+        # least twice the sum.
         size = triangles.extent
         slope, place = abs((grid.dx, grid.dy)[axis][0]), np.abs((grid.x, grid.y)[axis]).max()
         extent = place + grid.pitch[axis]
@@ -220,7 +225,7 @@ class _ParallelFilm:
             turn = dr.select(slope < 0, Int32(-1), Int32(1))
             dr.eval(box, hit, known, turn)
             all_boxes += chosen_boxes(start, box, hit & known, turn)
-            # A triangle seen edge-on covers nothing; in doubt, its rows are not cut.
+            # A triangle seen edge-on covers nothing. If this is uncertain, its rows are not cut.
             all_boxes += chosen_boxes(start, box, hit & ~known, None)
         return all_boxes
 
@@ -232,7 +237,7 @@ class _ParallelFilm:
             ex, ey, ez = difference(points[j], points[i])
             normal = cross(points[i], points[j])
             size = cross_magnitude(points[i], points[j])
-            # `Cones` subtracts the last one.
+            # The sign of `rest` is such that `Cones` subtracts it.
             rest = normal[2] - (product(dx, normal[0]) + product(dy, normal[1]))
             edges.append([product(dy, ez) + ey, -(ex + product(dx, ez)), rest])
             magnitudes.append(
@@ -266,7 +271,8 @@ class _PencilFilm:
             resolution=grid.resolution,
             s_range=(first - depth, last - depth),
         )
-        # Lines are apart from the pencil, and apertures, in doubles, from an even grid.
+        # The margin covers the distance of lines from the pencil, and of apertures (doubles) from
+        # an even grid.
         margins = [
             (apart + 4 * UNIT_ROUNDOFF * float(np.abs(place).max())) / pitch
             for apart, place, pitch in zip(self._apart, (grid.x, grid.y), grid.pitch, strict=True)
@@ -289,7 +295,8 @@ class _PencilFilm:
         for i, j in EDGES:
             size = cross_magnitude(corners[i], corners[j])
             ex, ey, ez = (abs(part) for part in difference(points[j], points[i]))
-            # The edge function moves by delta . (d x e); `ROUNDING` times this is its bound.
+            # The edge function changes by at most delta . (d x e). Division by `ROUNDING` adds this
+            # to a magnitude.
             moved = product(self._aside[0], ey + product(self._steepest[1], ez))
             moved = moved + product(self._aside[1], ex + product(self._steepest[0], ez))
             magnitudes.append([size[0], size[1], size[2] + product(moved, 1 / ROUNDING)])
@@ -313,7 +320,7 @@ def _slopes(normal: list[Any], magnitude: list[Any], dx: Any, dy: Any) -> tuple[
 class _Planes:
     """Planes of triangles with normals, not normalized, and the sums of absolute products in them.
 
-    The bound of q_0 . n depends on the aperture, and so they have none of their own.
+    They have no bound of q_0 . n, which depends on the aperture.
     """
 
     corner: Sequence[Any]
@@ -338,7 +345,7 @@ class _Planes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RowPlanes:
-    """The planes of triangles along single rows of apertures; see `cone.RowPlanes`.
+    """Planes of triangles along single rows of apertures; see `cone.RowPlanes`.
 
     q_0 . n = (corner_x - x) normal_x + depth + down, in the order of `cone.Planes`, and
     d . n = normal_x dx + level.

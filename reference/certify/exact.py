@@ -1,8 +1,9 @@
-"""Decisions in integers: whether and where a line meets a triangle.
+"""Intersection in integer arithmetic: whether and where a line meets a triangle.
 
-All coordinates and slopes are doubles, hence integers over a common power of two; every quantity
-here is a Python integer or a ratio of two. Triangles are closed, and a line that lies in a
-triangle's plane does not meet it: a surface seen exactly edge-on covers nothing (docs/truth.md).
+All coordinates and slopes are doubles, hence integers over a common power of two. Every quantity in
+this module is a Python integer or a ratio of two integers. Triangles are closed, and a line in a
+triangle's plane does not meet the triangle: a surface seen exactly edge-on covers nothing
+(docs/truth.md).
 """
 
 import math
@@ -30,14 +31,14 @@ def _fraction_bits(values: Floats) -> int:
     return int(max(0, (53 - trailing - exponent).max()))
 
 
-#: Number of scenes whose digits are cached: all apertures of a plate share them
+#: Number of scenes whose number of bits is cached, for all apertures of a plate
 REMEMBERED_SCENES = 8
 
 _REMEMBERED: deque[tuple[ref[Floats], int]] = deque(maxlen=REMEMBERED_SCENES)
 
 
 def _bits_of_scene(triangles: Floats) -> int:
-    """Return the smallest b >= 0 with triangles * 2**b all integers, kept for read-only arrays."""
+    """Return the smallest b >= 0 with triangles * 2**b all integers; cache it if read-only."""
     for known, bits in tuple(_REMEMBERED):
         if known() is triangles:
             return bits
@@ -62,7 +63,7 @@ def _dot(a: Integers, b: Integers) -> int:
 
 
 class ExactPencil:
-    """Lines of a ray bundle against the triangles of a scene, in integer arithmetic.
+    """Intersections of a ray bundle's lines with the triangles of a scene, in integers.
 
     Parameters
     ----------
@@ -106,10 +107,10 @@ class ExactPencil:
         ]
 
     def _cone(self, triangle: int) -> tuple[tuple[Integers, Integers, Integers], Integers, int]:
-        """Return edge planes, plane normal and plane offset of a triangle, all integers."""
+        """Return normals of the edge planes, normal and offset of the plane of a triangle."""
         q0, q1, q2 = self._corners(triangle)
         e01, e12, e20 = _cross(q0, q1), _cross(q1, q2), _cross(q2, q0)
-        # (p1 - p0) x (p2 - p0), multiplied out, is the sum of the three.
+        # (p1 - p0) x (p2 - p0), expanded, is the sum of the three edge normals.
         normal = (e01[0] + e12[0] + e20[0], e01[1] + e12[1] + e20[1], e01[2] + e12[2] + e20[2])
         return (e01, e12, e20), normal, _dot(q0, normal)
 
@@ -123,27 +124,28 @@ class ExactPencil:
         )
 
     def meets(self, pixel: int, triangle: int) -> Fraction | None:
-        """Return s where a pixel's line meets a triangle; None for a miss or out of range."""
+        """Return s at which a pixel's line meets a triangle; None for a miss or out of range."""
         d = self.direction(pixel)
         edges, normal, offset = self.cone(triangle)
         # A line in the triangle's plane, or parallel to it, does not meet it.
         slope = _dot(d, normal)
         if slope == 0:
             return None
-        # Outside: edge functions of both signs. A zero belongs to the closed triangle.
+        # Edge functions of both signs mean a miss. Zero belongs to the closed triangle.
         signs = [_dot(d, edge) for edge in edges]
         if min(signs) < 0 < max(signs):
             return None
-        # The offset has three factors of 2**bits; the slope has two, and one of 2**slope_bits.
+        # The offset has three factors of 2**bits; the slope has two, and one factor of
+        # 2**slope_bits.
         s = Fraction(offset << self._slope_bits, slope << self._bits)
         return s if self._range[0] <= s <= self._range[1] else None
 
     def meets_beside_center(self, triangle: int) -> bool:
-        """Return whether lines meet the triangle's plane outside the center."""
+        """Return whether the triangle's plane does not contain the center."""
         return self.cone(triangle)[2] != 0
 
     def aims_past(self, triangle: int) -> bool:
-        """Return whether a triangle is a needle on another line through the center than pixel 0."""
+        """Return whether a triangle is a needle on a line through the center, but not pixel 0's."""
         edges, _, _ = self.cone(triangle)
         if edges != ((0, 0, 0),) * 3:
             return False
@@ -151,10 +153,10 @@ class ExactPencil:
         return any(_cross(d, q) != (0, 0, 0) for q in self._corners(triangle))
 
     def box_holds(self, triangle: int) -> bool:
-        """Return whether pixel 0 lies in the triangle's box on one side of the center; see `boxes`.
+        """Return whether pixel 0 lies in one of the two boxes of a triangle; see `boxes`.
 
-        The box bounds slopes x / s: it holds dx if x - s dx has no single sign on that side, at the
-        corners there and where edges cross s = 0.
+        A box, on one side of the center, bounds slopes x / s. It contains dx if x - s dx has both
+        signs, or a zero, over the corners on this side and the points where edges cross s = 0.
         """
         q, d, unit = self._corners(triangle), self.direction(0), 1 << self._slope_bits
         s = [-corner[2] for corner in q]
@@ -176,7 +178,7 @@ class ExactPencil:
         )
 
     def zero(self, triangle: int) -> float:
-        """Return the quotient 0 / (d . n) of the first pixel, which has the sign of d . n."""
+        """Return the signed zero 0 / (d . n) of the first pixel."""
         return math.copysign(0.0, _dot(self.direction(0), self.cone(triangle)[1]))
 
     def coplanar(self, first: int, second: int) -> bool:

@@ -1,15 +1,15 @@
-"""Filter in doubles, with every rounding bounded, of triangles that may be first at each pixel.
+"""Filter of the triangles that may be first at each pixel, in doubles with rounding bounds.
 
-Broad phase: `boxes` has the bounding boxes of triangles on the film. Narrow phase: there is one
-lane for each row of pixels of a box. It cuts the row by the triangle's edges, which leaves columns
-from first to last, and an inner interval of columns where the triangle surely covers the pixel's
-center. Then it walks its columns:
+Broad phase: `boxes` computes the bounding boxes of triangles on the film. Narrow phase: there is
+one lane for each pixel row of a box. The lane cuts the row at the triangle's edges, which gives a
+first and last column, and an inner interval of columns in which the triangle certainly covers the
+pixel's center. Then it visits its columns:
 
-1. Every pixel is given the smallest of the largest s at which a triangle that is surely met can
-   lie: the first surface lies no farther than this limit.
-2. Triangles that may be met no farther than the limit are counted. A pixel with one of them, surely
-   met, is settled: nothing else can be first, because nothing is left out.
-3. All pairs of triangles with the other pixels are returned, for integers to decide (`certify`).
+1. Compute a limit for every pixel: the minimum, over all triangles that are certainly met, of the
+   largest possible s. The first surface is not beyond this limit.
+2. Count the triangles that may be met up to the limit. A pixel with a single such triangle,
+   certainly met, is settled: no other triangle can be first, because none is left out.
+3. Return all pairs of triangles and unsettled pixels, for integer arithmetic (`certify`).
 
 The formulas are in `cone`; docs/truth.md derives the bounds.
 """
@@ -52,8 +52,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 class Pairs:
     """Pixels (N,), row * W + column, and triangle numbers (N,), in NumPy.
 
-    The true place where the line meets the triangle's plane lies in s +- error; `sure` is true if
-    the line surely meets the triangle, inside the range of s.
+    The line meets the triangle's plane within s +- error. `sure` is true if the line certainly
+    meets the triangle, inside the range of s.
     """
 
     pixel: Indices
@@ -63,17 +63,17 @@ class Pairs:
     sure: Mask
 
     def __getitem__(self, chosen: Mask | Indices) -> Pairs:
-        """Return some of the pairs."""
+        """Return the pairs at these indices."""
         return Pairs(**{name: values[chosen] for name, values in vars(self).items()})
 
     @property
     def nearest(self) -> Floats:
-        """Smallest s that is possible."""
+        """Smallest possible s."""
         return self.s - self.error
 
     @property
     def farthest(self) -> Floats:
-        """Largest s that is possible."""
+        """Largest possible s."""
         return self.s + self.error
 
     @staticmethod
@@ -93,7 +93,7 @@ NO_PAIRS = Pairs(
 )
 
 
-#: Count of a pair that is not surely met: a single one already leaves its pixel open
+#: Weight of an uncertain pair in the count: a single one leaves its pixel open
 DOUBTFUL_WEIGHT = 2
 
 
@@ -101,10 +101,10 @@ DOUBTFUL_WEIGHT = 2
 class ClassifiedPixels:
     """Triangles that may be first in some rows of an image.
 
-    `triangle` and `s` (pixels,) belong to the triangle that surely is first; They are `NOTHING` and
-    NaN where the line meets no triangle, and where `ambiguous` has pairs. These are all pairs of
-    pixels for which several triangles may be first, or one that is not surely met. `device` has
-    `triangle` and `s` as arrays of Dr.Jit.
+    `triangle` and `s` (pixels,) belong to the triangle that is certainly first. They are `NOTHING`
+    and NaN where the line meets no triangle, and at ambiguous pixels: several triangles may be
+    first, or one that is not certainly met. `ambiguous` has all pairs of these pixels. `device` has
+    `triangle` and `s` as Dr.Jit arrays.
     """
 
     triangle: Numbers
@@ -115,10 +115,11 @@ class ClassifiedPixels:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lanes:
-    """Rows of boxes, cut by the edges of their triangles, one lane each: columns `first` to `last`.
+    """Pixel rows of boxes, one per lane, cut at the triangle's edges: columns `first` to `last`.
 
-    Coverage is certain between the slopes dx of `surely`; for triangles that are not cut by their
-    edges, `cones` decides it. `within` is true if a triangle surely lies within the range.
+    Coverage is certain between the two slopes dx of `surely`. Rows that are not cut have `cones` in
+    its place, which determine coverage. `within` is true if a triangle certainly lies within the
+    range.
     """
 
     number: Any
@@ -142,10 +143,10 @@ class _Lanes:
 
 
 class Lines(Protocol):
-    """Lines of an image, as the filter reads them: two variables, one per column and per row.
+    """Interface of the lines of an image, with one variable per column and one per row.
 
-    The variables are the slopes dx and dy of lines through one point, or the places x and y at
-    which parallel lines meet the plate: edge functions are linear in them.
+    The variables are the slopes dx and dy of lines through one point, or the positions x and y at
+    which parallel lines meet the plate. Edge functions are linear in these variables.
     """
 
     resolution: tuple[int, int]  #: W, H in pixels
@@ -158,14 +159,14 @@ class Lines(Protocol):
         """Return the boxes of all triangles that the film may show."""
 
     def cones(self, points: Sequence[Sequence[Any]], holds: Any) -> Cones:
-        """Return triangles, given by their corners, as these lines see them."""
+        """Return edge functions and planes of triangles, given by corners, for these lines."""
 
     def covering(
         self, points: Sequence[Sequence[Any]], column: Any, row: Any
     ) -> tuple[Any, Any, Any]:
-        """Return whether the lines of pixels may pass through triangles, whether they surely do.
+        """Return masks of lines that may pass through their triangles, and that certainly do.
 
-        The third mask marks triangles that surely lie in the range.
+        A third mask marks triangles that certainly lie in the range.
         """
 
     def along_rows(self, cones: Cones, row: Any) -> Any:
@@ -197,7 +198,7 @@ class PencilLines:
     def covering(
         self, points: Sequence[Sequence[Any]], column: Any, row: Any
     ) -> tuple[Any, Any, Any]:
-        """Return whether lines may, or surely do, pass through triangles; see `Lines`."""
+        """Return the masks of lines and triangles that `Lines.covering` describes."""
         cones = self.cones(points, False)
         dx, dy = dr.gather(Float64, self.across, column), dr.gather(Float64, self.down, row)
         return *cones.covering(dx, dy), cones.within
@@ -212,7 +213,7 @@ class PencilLines:
 
 
 class Filter:
-    """The filter of the lines of one image."""
+    """Filter of the triangles along the lines of one image."""
 
     def __init__(self, triangles: Triangles, lines: Lines) -> None:
         self._triangles, self._lines = triangles, lines
@@ -245,7 +246,8 @@ class Filter:
             unsettled = count > 1
             size = int(dr.sum(dr.select(unsettled, count, UInt32(0)))[0])
             if size:
-                # Several triangles wrote these pixels, in any order: reset their triangle number.
+                # Several triangles wrote to these pixels, in undefined order: reset their triangle
+                # number.
                 number = dr.select(unsettled, NOTHING, number)
                 place = dr.select(unsettled, np.nan, place)
                 parts = [self._pairs(some, rows, limit, unsettled, size) for some in lanes]
@@ -261,9 +263,9 @@ class Filter:
     def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
         """Return the gap from the first surface to the next one behind it on its side, (pixels,).
 
-        It is the smallest s of all surfaces surely behind, minus the largest s of the first
-        surface; infinite if either is missing. With `numbers` (pixels,), only triangles with
-        smaller numbers count as next.
+        The gap is the smallest s of all surfaces that are certainly behind, minus the largest
+        possible s of the first surface; infinite if either is missing. With `numbers` (pixels,),
+        only triangles with smaller numbers count.
         """
         with recording():
             lanes = self._cut(rows)
@@ -318,7 +320,7 @@ class Filter:
             cones=None if surely is not None else cones,
             holds=holds,
         )
-        # Kernels are bound by memory: a value computed from others in few operations is not stored.
+        # Kernels are limited by memory bandwidth: values that take few operations are not stored.
         kept = [getattr(lanes.planes, field.name) for field in fields(lanes.planes)]
         whole = () if lanes.cones is None else (*lanes.cones.edges, *lanes.cones.magnitudes)
         dr.eval(number, lanes.row, lanes.within, lanes.first, lanes.last, surely, *kept, *whole)
@@ -384,8 +386,8 @@ class Filter:
         number, row, column, s, error, sure = (
             dr.gather(type(values), values, dr.arange(UInt32, count)) for values in out
         )
-        # Where boxes or the cuts of rows leave coverage in doubt, the edge functions at the pixel's
-        # center may decide. Triangles that contain the aperture are met without error.
+        # If boxes and cut rows leave coverage uncertain, the edge functions at the pixel's center
+        # may settle it. Triangles that contain the aperture are met without error.
         points = self._triangles.points(number)
         may_cover, covers, within = self._lines.covering(points, column, row)
         _, counts = in_range(s, error, within, self._lines.ends)
@@ -404,40 +406,41 @@ class Filter:
 
 
 def _reduce(operation: Any, target: Any, value: Any, index: Any, active: Any) -> None:
-    # Use mode Direct: the other modes allocate and compile again for each image size.
+    # Use mode Direct: other modes allocate memory and compile again for each image size.
     dr.scatter_reduce(operation, target, value, index, active, mode=dr.ReduceMode.Direct)
 
 
 def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[Any, Any, Any, Any]:
-    """Return the slopes dx of lines of a row that may meet a triangle, and of lines that surely do.
+    """Return bounds of dx of the lines of a row that may meet a triangle, or certainly meet it.
 
-    Along a row, each edge function is E(dx) = slope dx + rest, turned to be positive inside; so
-    each edge bounds dx on one side, at its zero -rest / slope. No line with a slope outside [low,
-    high] meets the triangle; every line with a slope inside [surely_low, surely_high] does.
+    Along a row, each edge function is E(dx) = slope dx + rest, with the sign that makes it positive
+    inside. Each edge therefore bounds dx on one side, at the zero -rest / slope. No line with a
+    slope outside [low, high] meets the triangle; every line with a slope inside [surely_low,
+    surely_high] does.
     """
     low, high, surely_low, surely_high = -np.inf, np.inf, -np.inf, np.inf
     for edge, magnitude in zip(cones.edges, cones.magnitudes, strict=True):
-        # The edge function along the row, turned to be positive inside, and the bound of its
-        # rounding.
+        # The edge function along the row, positive inside, and its rounding bound.
         slope = product(turn, edge[0])
         rest = product(turn, product(edge[1], dy) - edge[2])
         size = product(film.steepest, magnitude[0]) + product(abs(dy), magnitude[1]) + magnitude[2]
         bound = product(ROUNDING, size)
-        # Its zero, and how far rounding may have moved it: an error `bound` of E moves the zero by
-        # bound / |slope|. Twice that, and 4 u |zero|, also cover rounding `zero` and the sums
-        # below.
+        # The zero of E, and the margin of its rounding error. An error `bound` of E moves the zero
+        # by bound / |slope|. Twice this, plus 4 u |zero|, also covers rounding of `zero` and of the
+        # sums below.
         zero = -rest / slope
         margin = product(2.0, bound) / abs(slope) + product(4 * UNIT_ROUNDOFF, abs(zero))
-        # If the slope is so small that the quotient overflows, E has one sign along the whole row.
+        # If the slope is so small that the quotient overflows, E has the same sign along the whole
+        # row.
         level = ~dr.isfinite(margin)
-        # A rising edge bounds dx from below, a falling one from above.
+        # An increasing E bounds dx from below, a decreasing E from above.
         rising, falling = (slope > 0) & ~level, (slope < 0) & ~level
         low = dr.maximum(low, dr.select(rising, zero - margin, -np.inf))
         surely_low = dr.maximum(surely_low, dr.select(rising, zero + margin, -np.inf))
         high = dr.minimum(high, dr.select(falling, zero + margin, np.inf))
         surely_high = dr.minimum(surely_high, dr.select(falling, zero - margin, np.inf))
-        # A level edge empties the interval if it is surely negative, and the sure interval unless
-        # it is surely positive.
+        # A constant E makes the interval empty if it is certainly negative, and makes the certain
+        # interval empty unless it is certainly positive.
         low = dr.select(level & (rest < -bound), np.inf, low)
         surely_low = dr.select(level & (rest <= bound), np.inf, surely_low)
     return low, high, surely_low, surely_high

@@ -1,12 +1,14 @@
 """Occlusion query: points of an image hidden by other surfaces on their own lines (docs/truth.md).
 
-A point's own line has the slopes (x - a_x)/s and (y - a_y)/s, as doubles. A triangle hides the
-point if this line meets it before the point by more than half of the tolerance within which the
-point is known, and if the point lies farther from the triangle's plane than this tolerance: a point
-nearer to the plane may as well lie on its other side, where the triangle does not hide it.
+A point's own line has the slopes (x - a_x)/s and (y - a_y)/s, as doubles. Each point has a
+tolerance, the bound of its position error. A triangle hides the point under two conditions: the
+line meets it in front of the point by more than half the tolerance, and the point is farther from
+the triangle's plane than the tolerance. A point closer to the plane may really lie on its other
+side, where the triangle does not hide it.
 
-The lines are rays: the walk and the filter of `reference.rays` return the triangles that a line may
-meet before its point. Pairs left open by doubles are decided in rational numbers.
+The lines are traced as rays: the walk and the filter of `reference.rays` return the triangles that
+a line may meet in front of its point. Pairs that doubles leave open are decided in rational
+arithmetic.
 """
 
 from dataclasses import dataclass
@@ -41,33 +43,33 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 class SurfacePoints:
     """Surface points of an image."""
 
-    position: Floats  #: (N, 3) scene units, off the height of the center from which they are seen
-    #: (N,) number of the triangle with the point, `NOTHING` where unknown
+    position: Floats  #: (N, 3) scene units, not at the height of the center of projection
+    #: (N,) number of the triangle that contains the point, `NOTHING` if unknown
     triangle: Numbers
-    #: (N,) uncertainty of each point, scene units: a triangle whose plane passes within this
-    #: distance of a point does not hide it. A mesh's tessellation therefore has no effect.
+    #: (N,) uncertainty of each point, scene units: a triangle with its plane within this distance
+    #: does not hide the point. Tessellation of a surface therefore has no effect.
     tolerance: Floats
 
     def __getitem__(self, some: slice) -> "SurfacePoints":
-        """Return some of the points."""
+        """Return a slice of the points."""
         return SurfacePoints(**{name: values[some] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pairs:
-    """Pairs (K,) of a point and another triangle that its line may meet, or surely meets."""
+    """Pairs (K,) of a point and another triangle that its line meets, possibly or certainly."""
 
     point: Indices
     triangle: Indices
     sure: Mask
 
     def __getitem__(self, chosen: Mask) -> "_Pairs":
-        """Return some of the pairs."""
+        """Return the pairs of a mask."""
         return _Pairs(**{name: values[chosen] for name, values in vars(self).items()})
 
 
 class Occlusion:
-    """The triangles of a scene, ready to be searched for those that occlude points."""
+    """Query of the points that the triangles of a scene hide."""
 
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
@@ -77,11 +79,11 @@ class Occlusion:
         return ExactMesh(self._triangles.corners)
 
     def hidden(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
-        """Return which points (N,) lie behind another surface on their own line from the center."""
+        """Return a mask (N,) of points behind another surface on their own line from the center."""
         behind = np.zeros(len(points.position), dtype=np.bool_)
         if not len(self._triangles):
             return behind
-        # Parts bound the memory of rays and pairs.
+        # Process the points in parts, to bound the memory of rays and pairs.
         for start in range(0, len(behind), RAYS_AT_ONCE):
             part = slice(start, start + RAYS_AT_ONCE)
             behind[part] = self._hidden(bundle, points[part])
@@ -94,21 +96,21 @@ class Occlusion:
             return behind
         beyond, within = self._off_planes(points, pairs)
         behind[pairs.point[pairs.sure & beyond]] = True
-        # Only points that no triangle surely hides are decided in rational numbers.
+        # Only points that no triangle certainly hides need rational arithmetic.
         left = pairs[~within & ~behind[pairs.point]]
         met = self._hides(bundle, points, left.point, left.triangle)
         behind[left.point[met]] = True
         return behind
 
     def _pairs(self, bundle: RayBundle, points: SurfacePoints) -> _Pairs:
-        """Return the pairs of points and other triangles that may be met before them."""
+        """Return the pairs of points and other triangles that may be in front of them."""
         with recording():
             met = self._mesh.candidates_of(_lines_to(self._mesh, bundle, points))
-        # Bounds of places exceed the errors: a place within the closed range for sure is before
+        # Error bounds exceed the errors, so that a hit certainly within the closed range is before
         # its end.
         pairs = _Pairs(point=met.ray, triangle=met.triangle, sure=met.sure)
         pairs = pairs[points.triangle[pairs.point] != pairs.triangle]
-        # Doubles leave every line in doubt that meets a triangle in the center itself, at s = 0.
+        # Doubles leave open every line that meets a triangle in the center itself, at s = 0.
         exact = ExactPencil(self._triangles.corners, bundle)
         depth = bundle.center[2] - points.position[pairs.point, 2]
         through = (depth > points.tolerance[pairs.point]) & (bundle.s_range[0] <= 0)
@@ -120,16 +122,17 @@ class Occlusion:
         return pairs
 
     def _off_planes(self, points: SurfacePoints, pairs: _Pairs) -> tuple[Mask, Mask]:
-        """Return which points surely lie off the triangles' planes, and which surely do not.
+        """Return masks of points certainly off the triangles' planes, and certainly not off them.
 
-        A point is off a plane farther than its tolerance t: |(p_0 - P) . n| > t |n|.
+        A point P is off a plane if its distance exceeds its tolerance t: |(p_0 - P) . n| > t
+        |n|.
         """
         with recording():
             position = vectors_on_device(points.position[pairs.point])
             tolerance = on_device(points.tolerance[pairs.point])
             corners = self._triangles.points(UInt32(on_device(pairs.triangle)))
             planes = Planes.from_points(corners, position, False)
-            # The bounds of n's coordinates bound its length.
+            # The rounding bounds of n's coordinates bound the error of |n|.
             length, magnitude = (
                 dr.sqrt(dot(values, values)) for values in (planes.normal, planes.magnitude)
             )
@@ -142,7 +145,7 @@ class Occlusion:
     def _hides(
         self, bundle: RayBundle, points: SurfacePoints, point: Indices, triangle: Indices
     ) -> Mask:
-        """Return which triangles hide points, pair by pair, decided in rational numbers."""
+        """Return a mask of the pairs whose triangle hides the point, in rational arithmetic."""
         if not len(point):
             return np.zeros(0, dtype=np.bool_)
         position, tolerance = points.position[point], points.tolerance[point]
@@ -153,7 +156,7 @@ class Occlusion:
         directions = np.stack((dx, dy, np.full(len(point), -1.0)), axis=1)
         corners = self._triangles.corners[triangle]
         centers = np.tile(bundle.center, (len(point), 1))
-        # A line that ends before the range begins meets nothing.
+        # A line that ends before the range begins meets no triangle.
         ranges = np.stack((np.full(len(point), bundle.s_range[0]), ends), axis=1)
         decided = meet(corners, centers, directions, ranges)
         hides = decided.met
@@ -165,7 +168,7 @@ class Occlusion:
 
 
 def _lines_to(mesh: ExactMesh, bundle: RayBundle, points: SurfacePoints) -> Rays:
-    """Return the lines to points, up to half a tolerance before them, as rays through a mesh."""
+    """Return the lines to points as rays, each ending half a tolerance before its point."""
     *center, first = constants([*bundle.center, bundle.s_range[0]])
     x, y, z = vectors_on_device(points.position)
     s = center[2] - z
@@ -177,7 +180,7 @@ def _lines_to(mesh: ExactMesh, bundle: RayBundle, points: SurfacePoints) -> Rays
 
 
 def _off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:
-    """Return whether a point lies farther than a tolerance from a plane, in rationals.
+    """Return whether a point is farther than a tolerance from a plane, in rational arithmetic.
 
     False for a triangle without area.
     """

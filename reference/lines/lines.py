@@ -19,8 +19,8 @@ Vector = tuple[float, float, float]
 class RayBundle:
     """All lines of one image: each pixel's line passes through one common point.
 
-    The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). The exact
-    meaning of an image starts at these doubles; how they were rounded makes no difference to it.
+    The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). An image is
+    defined by these doubles, regardless of the rounding in their computation.
     """
 
     center: Vector  #: The common point in scene units: the aperture, or an offset camera
@@ -60,13 +60,13 @@ class LineGrid:
     The line of column i, row j is P(s) = (x[i], y[j], 0) + s (dx[i], dy[j], -1), so that z = -s.
     """
 
-    #: x, dx: (W,) where the columns' lines meet the plate, and their slopes
+    #: x, dx: (W,) positions at which the columns' lines meet the plate, and slopes
     x: Floats
     dx: Floats
-    #: y, dy: (H,) the same of the rows
+    #: y, dy: (H,) positions and slopes of the rows' lines
     y: Floats
     dy: Floats
-    #: Only surfaces with s in this closed interval are imaged; the smallest s is seen first
+    #: Only surfaces with s in this closed interval are imaged; the smallest s is the visible one
     s_range: tuple[float, float]
 
     @property
@@ -75,7 +75,7 @@ class LineGrid:
         return len(self.x), len(self.y)
 
     def points(self) -> Floats:
-        """Return where the lines meet the plate, (H, W, 3)."""
+        """Return the points (H, W, 3) at which the lines meet the plate."""
         return _spread(self.x, self.y, 0.0)
 
     def directions(self) -> Floats:
@@ -83,7 +83,7 @@ class LineGrid:
         return _spread(self.dx, self.dy, -1.0)
 
     def line(self, column: int, row: int) -> RayBundle:
-        """Return one line as a film of one pixel, at whose center u and v are zero."""
+        """Return one line as the bundle of a film with one pixel."""
         return RayBundle(
             center=(float(self.x[column]), float(self.y[row]), 0.0),
             shear=(float(self.dx[column]), float(self.dy[row])),
@@ -103,31 +103,31 @@ def _spread(across: Floats, down: Floats, height: float) -> Floats:
 class PixelLines(LineGrid):
     """Lines of one pixel of all hogels of a tile: parallel, or through one point of the screen.
 
-    Slopes dx ascend with the columns and dy descend with the rows; parallel lines have x and y in
-    their place. Columns and rows of the grid run through the tile in `step`, 1 or -1: slopes
-    through a point of a screen behind the plate descend with x.
+    Slopes dx ascend with the columns and dy descend with the rows of the grid; for parallel lines,
+    x and y do. The grid has the order of the tile if `step` is 1, and the reverse order if it is
+    -1, because slopes through a point of a screen behind the plate descend with x.
     """
 
     pitch: tuple[float, float]  #: distance of neighboring apertures in x and y
-    #: point of the screen through which the lines pass but for rounding; None for parallel lines
+    #: point of the screen through which the lines pass, except for rounding; None if parallel
     center: Vector | None
     step: int
 
     def apart(self) -> tuple[float, float]:
-        """Return a bound in x and y on the distance of lines from `center`, at its height."""
+        """Return bounds, in x and y, of the distance of lines from `center` at its height."""
         assert self.center is not None
         depth, bounds = -self.center[2], []
         for at, place, slope in zip(
             self.center[:2], (self.x, self.y), (self.dx, self.dy), strict=True
         ):
-            # Three operations: the distance itself is rounded by less than 4 u of their terms.
+            # The three operations round the distance by less than 4 u of their terms.
             size = np.abs(place).max() + abs(depth) * np.abs(slope).max() + abs(at)
             bounds.append(float(np.abs(place + depth * slope - at).max() + 2.0**-51 * size))
         return bounds[0], bounds[1]
 
 
 class TileLines:
-    """Lines of all pixels of the hogels of a tile, with the bits of the hogels' frusta."""
+    """Lines of all pixels of the hogels of a tile, equal in all bits to the hogels' frusta."""
 
     def __init__(self, frustum: Frustum, tile: PlateTile) -> None:
         self._frustum, self.tile = frustum, tile
@@ -158,33 +158,32 @@ class TileLines:
 
 
 def _screen_point(frustum: Frustum, pixel: tuple[int, int]) -> Vector | None:
-    """Return the point of the screen that a pixel of every hogel shows; None without a screen."""
+    """Return the point of the screen on a pixel's lines in all hogels; None without a screen."""
     if (screen := frustum.screen) is None:
         return None
     u = (2.0 * pixel[0] + 1.0) / frustum.resolution[0] - 1.0
     v = 1.0 - (2.0 * pixel[1] + 1.0) / frustum.resolution[1]
-    # For a screen before the plate the image is mirrored in both axes.
+    # For a screen in front of the plate the image is mirrored in both axes.
     side = 1 if screen.height < 0 else -1
     (x, y), (width, height) = screen.center, screen.size
     return x + side * u * width / 2, y + side * v * height / 2, screen.height
 
 
 def pixel_places(points: NDArray[np.floating], bundle: RayBundle) -> Floats:
-    """Return where the film of a ray bundle shows surface points (..., 3), also beyond its range.
+    """Return the film positions of surface points (..., 3), also of points beyond the range.
 
-    Column and row (..., 2) are whole numbers at a pixel's center, rows count down; NaN for points
-    as high as the center, which no place of the film shows.
+    Column and row (..., 2) are integers at pixel centers, and rows count down. They are NaN for
+    points at the height of the center, which have no position on the film.
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
-    # Points as high as the center get the height NaN.
+    # Points at the height of the center get the height NaN.
     places = places_off_center(x, y, np.where(z == bundle.center[2], np.nan, z), bundle)
     return np.stack(places, axis=-1).reshape(*points.shape[:-1], 2)
 
 
 def places_off_center(x: Floats, y: Floats, z: Floats, bundle: RayBundle) -> tuple[Floats, Floats]:
-    """Return column and row, as `pixel_places`, of points (N,) off the height of the center."""
-    # Each step overwrites the previous one: for whole images, memory traffic takes most of the
-    # time.
+    """Return column and row, as `pixel_places`, of points (N,) not at the center's height."""
+    # Each step overwrites its input: for whole images, memory traffic dominates the time.
     depth = z - bundle.center[2]
     np.negative(depth, out=depth)
     places = []
@@ -211,7 +210,7 @@ def film_window(
     """Return shear k and half-extent t of an aperture's film, slopes per unit of depth.
 
     Centered: k = 0, t = tan(fov / 2). Recentered (paper, section 5): the lines of the film's
-    corners pass through the screen's corners, for a screen on either side of the plate.
+    corners pass through the screen's corners. The screen may be on either side of the plate.
     """
     if frustum.screen is None:
         assert frustum.fov is not None
@@ -255,9 +254,9 @@ def model_cameras(
 ) -> tuple[ExactCamera, ...]:
     """Return the cameras of some settings as exact lines in drawing order (paper, section 4).
 
-    The order is from the back: the slabs of C from the outermost inward, then the slabs of C* from
-    the innermost outward; each is nearer to the viewer than the slabs before it and overlays them.
-    Together they show the picture that a rasterizer without any rounding would draw.
+    The order is from back to front: the slabs of C from the outermost inward, then the slabs of C*
+    from the innermost outward. Each slab is closer to the viewer than the slabs before it, and is
+    drawn over them. Together the cameras show the picture of a rasterizer without rounding.
     """
     viewer, back = frustum.reach
     c = [
@@ -283,8 +282,8 @@ def _slab_camera(
 ) -> ExactCamera:
     """Return C (side 1) or C* (side -1) for the surfaces between two heights |z|.
 
-    The camera of the first slab steps back from the plate by near; all others stand in the aperture
-    itself.
+    The camera of the first slab is offset from the plate by near; all other cameras are in the
+    aperture itself.
     """
     low, high = section
     first = low == 0
@@ -303,12 +302,12 @@ def _slab_camera(
 def offset_camera(
     crossed: RayBundle, height: float, *, pivot: Pivot, fitted: float | None
 ) -> RayBundle:
-    """Return the lines of an offset camera: its position and its film.
+    """Return the lines of an offset camera.
 
-    It has stepped back from the aperture of `crossed` to a signed height, +n for a C and -n for a
-    C*: on the axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or perpendicular to
-    the plate (`pivot`). Planes at the height |z| `fitted` are drawn exactly; None keeps the angle.
-    The caller sets the range of s.
+    The camera is moved from the aperture of `crossed` to a signed height, +n for C and -n for C*.
+    `pivot` selects the direction: along the axis of the sheared frustum, to (ax -+ n kx, ay -+ n
+    ky, +-n), or perpendicular to the plate. `fitted` is the height |z| of the plane that is drawn
+    without displacement; None keeps the angle. The caller sets the range of s.
     """
     (x, y, _), (kx, ky), (tx, ty) = crossed.center, crossed.shear, crossed.half_extent
     aside = height if pivot is Pivot.APERTURE else 0.0

@@ -1,7 +1,7 @@
-"""Triangles in NumPy: planes and distances in doubles, and the side of the viewer, exactly.
+"""Triangles in NumPy: planes and distances in doubles, and exact facing.
 
-Planes and distances have no bounds of their rounding. The side decides which triangles culling
-leaves out (paper, section 3).
+Planes and distances have no rounding bounds. Facing determines the culled triangles (paper, section
+3).
 """
 
 from fractions import Fraction
@@ -27,8 +27,8 @@ def triangle_normals(corners: Floats) -> Floats:
 def plane_places(corners: Floats, normals: Floats, center: Floats, directions: Floats) -> Floats:
     """Return s (N,) at which lines center + s d meet the planes of triangles (N, 3, 3).
 
-    There is one triangle for each line. `normals` are their `triangle_normals`; s is not finite
-    where a line is parallel to the plane, or where the triangle has no area.
+    There is one triangle for each line. `normals` are the `triangle_normals`. s is not finite if a
+    line is parallel to the plane, or if the triangle has no area.
     """
     offset = np.einsum("ij,ij->i", normals, corners[:, 0] - center)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -43,7 +43,7 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     inside = length > 0
     nearest_edge = np.full(len(points), np.inf)
     for k in range(3):
-        # Over the triangle, along its normal: on the inner side of all three edges.
+        # The point projects into the triangle if it is on the inner side of all three edges.
         start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
         along = points - start
         inside &= np.einsum("ij,ij->i", cross_products(edge, along), normals) >= 0
@@ -55,22 +55,22 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     return np.where(inside, from_plane, nearest_edge)
 
 
-#: Rounding bound of a determinant of differences, in 2^-53 of the sum of all products' magnitudes:
-#: one for each difference in three factors, and one for each of two products and four sums.
-#: Shewchuk (1997), section 4.3, proves 7 and a term of second order.
+#: Rounding bound of a determinant of differences, in 2^-53 of the sum of absolute products: one for
+#: each of three differences of coordinates, two products and three sums. Shewchuk (1997), section
+#: 4.3, proves 7 and a term of second order.
 DETERMINANT_ROUNDINGS = 8
 
-#: Magnitude above which underflow cannot change the sign of a determinant of three factors: its
-#: errors are some 2^-1074 times coordinates, which are smaller than 2^128 as floats of 32 bits
+#: Magnitude above which underflow cannot change the sign of a determinant of three factors:
+#: underflow errors are about 2^-1074 times coordinates, and float32 coordinates are below 2^128
 SMALLEST_SURE = 2.0**-900
 
 
 def facing(triangles: Floats, bundle: RayBundle) -> Numbers:
     """Return the facing of triangles (F, 3, 3): 1 to the viewer, -1 away, 0 exactly edge-on.
 
-    A triangle is turned toward the viewer where its corners run counterclockwise as the viewer sees
-    them along the pencil's lines, which all have their surfaces on one side of the center: they
-    meet the triangle on the side on which the center lies.
+    A triangle faces the viewer if its corners are counterclockwise as seen by the viewer along the
+    pencil's lines. All surfaces on these lines are on one side of the center, so that lines meet
+    the triangle on the side on which the center lies.
     """
     center = np.asarray(bundle.center)
     a, b, c = (triangles[:, corner] - center for corner in range(3))
@@ -81,9 +81,9 @@ def facing(triangles: Floats, bundle: RayBundle) -> Numbers:
     bound = DETERMINANT_ROUNDINGS * 2.0**-53 * magnitude + SMALLEST_SURE
     doubtful = np.flatnonzero(np.abs(determinant) <= bound)
     sign[doubtful] = _exact_signs(triangles, center, doubtful)
-    # The normal that follows the winding points toward the center where the determinant is
-    # negative. Lines to surfaces before the plate leave the center backward, so that the center
-    # faces the side opposite to the viewer's.
+    # If the determinant is negative, the normal (by winding order) points toward the center. Lines
+    # to surfaces in front of the plate leave the center backward, so that the center is on the side
+    # opposite to the viewer.
     return np.asarray(sign if bundle.s_range[0] < 0 else -sign)
 
 
@@ -96,13 +96,13 @@ def drawn_triangles(triangles: Floats, bundle: RayBundle, cull: Cull) -> Indices
 
 
 def _sums_of_magnitudes(b: Floats, c: Floats) -> Floats:
-    """Return cross products (N, 3) with magnitudes added instead of subtracted."""
+    """Return the sums of absolute products in cross products, (N, 3)."""
     (bx, by, bz), (cx, cy, cz) = np.abs(b).T, np.abs(c).T
     return np.stack((by * cz + bz * cy, bz * cx + bx * cz, bx * cy + by * cx), axis=1)
 
 
 def _exact_signs(triangles: Floats, center: Floats, numbers: Indices) -> Numbers:
-    """Return the signs of determinants of triangles' corners about the center, in rationals."""
+    """Return the signs of determinants of corners relative to the center, exactly."""
     origin = [Fraction(coordinate) for coordinate in center.tolist()]
     signs = []
     for corners in triangles[numbers].tolist():
