@@ -1,16 +1,16 @@
-"""The second answer: the paper's double frustum, drawn with OpenGL.
+"""The second renderer: the paper's double frustum, drawn with OpenGL.
 
 * cameras: the two cameras as matrices, their passes, and their depth formats
 * device: contexts, limits, targets, programs, meshes and fingerprints of OpenGL devices
-* plate: many hogels at once, the same pictures in fewer submissions
+* plate: many hogels per submission, with the same pictures
 * shaders: the shaders, in GLSL
-* drawing: materials, lights, textures and reflections of a scene, and its drawing by passes
-* rasterizer: C, then C* over it (paper, sections 3 to 6), and means of color
+* drawing: materials, lights, textures and reflections on the GPU, and drawing by passes
+* rasterizer: image of C, with C* drawn over it (paper, sections 3 to 6), and means of color
 """
 
 import os
 
-# PyOpenGL chooses its platform on import, the same as moderngl.
+# PyOpenGL selects its platform on import; it must be EGL, as for moderngl.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
 from xfrustum.raster.device.context import require_room

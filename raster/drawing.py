@@ -1,4 +1,4 @@
-"""Materials, lights, textures and reflections of a scene on the GPU (paper, sections 3, 6)."""
+"""Materials, lights, textures and reflections on the GPU (paper, sections 3 and 6)."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -36,7 +36,7 @@ BYTES_PER_TEXEL = 4
 
 
 class Textures:
-    """All textures, (H, W, 4) uint8 sRGB, on the GPU; InputError if its block is too small."""
+    """All textures, (H, W, 4) uint8 sRGB, in one block on the GPU; InputError if too large."""
 
     def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
         largest = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
@@ -49,7 +49,7 @@ class Textures:
             )
         first = np.cumsum([0, *counts[:-1]])
         places = [(at, t.shape[1], t.shape[0], 0) for at, t in zip(first, textures, strict=False)]
-        # A block cannot be empty: without textures there is one texel, which no triangle refers to.
+        # A block cannot be empty: without textures it has one texel, to which no triangle refers.
         texels = np.concatenate(
             [t.reshape(-1, 4) for t in textures] or [np.zeros((1, 4), np.uint8)]
         )
@@ -71,27 +71,27 @@ SURFACES, MATERIALS, LIGHTS = (
     8,
 )  #: bindings of storage blocks, as in surface.glsl and phong.glsl
 
-#: Bindings of uniform blocks, which hold materials and lights if these fit
+#: Bindings of uniform blocks, used for materials and lights that fit into them
 UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
 
-#: Names of the length of each uniform block in the shaders
+#: Shader names of the lengths of the uniform blocks
 COUNT_NAMES = {MATERIALS: "MATERIAL_COUNT", LIGHTS: "LIGHT_COUNT"}
 
-#: Flags of a triangle beside the number of its material, as in surface.glsl
+#: Flags of a triangle, in the high bits of its material number, as in surface.glsl
 IS_SMOOTH, IS_COLORED = np.uint32(1 << 31), np.uint32(1 << 30)
 
 
 class Shading:
-    """Materials, lights and, if they are an effect, textures for the shaders, uploaded once.
+    """Materials, lights and, if `effects` include them, textures, uploaded once.
 
-    `surfaces` has the material and texture of each triangle, `defines` the names that the shaders
-    need.
+    `surfaces` has the material and texture of each triangle, `defines` the definitions for the
+    shaders.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
         lights = [light for light in scene.appearance.lights if max(light.color) > 0]
         self._light_count = len(lights)
-        # A block cannot be empty: without lights there is a black one, which no shader reads.
+        # A block cannot be empty: without lights it has a black light, which no shader reads.
         shining = [[*light.direction, 0.0, *light.color, 0.0] for light in lights] or [[0.0] * 8]
         environment = scene.appearance.environment
         strength = 0.0 if environment is None else environment.strength
@@ -130,7 +130,7 @@ def description(material: Material, strength: float) -> list[float]:
 
 
 def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
-    """Return (F, 2) numbers of each triangle's material, with flags, and texture, plus 1."""
+    """Return (F, 2) for each triangle: material number with flags, and texture number + 1."""
     number = {material: index for index, material in enumerate(materials)}
     of_object = np.array([number[material] for material in scene.materials], dtype=np.uint32)
     numbers = np.zeros((len(scene.faces), 2), dtype=np.uint32)
@@ -148,7 +148,7 @@ def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
 
 
 def single(values: list[list[float]]) -> Singles:
-    """Return values as finite float32: zero times infinity would not be zero."""
+    """Return values as finite float32, because zero times infinity is not zero."""
     largest = float(np.finfo(np.float32).max)
     return np.clip(values, -largest, largest).astype(np.float32)
 
@@ -158,7 +158,10 @@ IDENTITIES, ENVIRONMENT = 0, 1
 
 
 class Environment:
-    """Environment map on the GPU, or black, and reflecting triangles; InputError if too large."""
+    """Environment map on the GPU (black if none), and reflective triangles.
+
+    Raises InputError if the map is too large for the device.
+    """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         environment = scene.appearance.environment
@@ -170,8 +173,7 @@ class Environment:
                 f"{context.info['GL_RENDERER']} holds environment maps of at most {limit} x "
                 f"{limit}, not {width} x {height}; use a smaller one"
             )
-        # The first row is the top one: the shader fetches texels by number and counts rows from the
-        # top.
+        # Row 0 is the top row: the shader fetches texels by number and counts rows from the top.
         self._map = context.texture((width, height), 3, radiance.tobytes(), dtype="f4", alignment=4)
         self._map.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.reflecting = reflecting(scene)
@@ -183,7 +185,7 @@ class Environment:
 
 
 def reflecting(scene: Scene) -> list[tuple[int, int]]:
-    """Return the first triangle and the length of each run of triangles whose material reflects."""
+    """Return the first triangle and the length of each run of reflective triangles."""
     mirrors = np.array(
         [max(material.reflectivity) > 0 for material in scene.materials], dtype=np.bool_
     )
@@ -195,18 +197,17 @@ def reflecting(scene: Scene) -> list[tuple[int, int]]:
 #: Names of hogel.vert and hogel.frag for a picture without color
 NUMBERS_ALONE = {"NUMBERED": "1"}
 
-#: Fragment shader of a program, and the names that are defined in it
+#: Fragment shader of a program, and its definitions
 ProgramKey = tuple[str, tuple[tuple[str, str], ...]]
 
-#: A program, and the mesh with the attributes that it reads; None if there is no triangle to draw
+#: Program, and mesh with the attributes that the program reads; None if it has no triangle
 ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray | None]
 
 
 class Drawing:
-    """Mesh of a scene and, from its first picture in color on, materials and lights on the GPU.
+    """Mesh of a scene on the GPU, with materials and lights from the first picture in color on.
 
-    The scene has at least one triangle; the context is current now, and whenever something is
-    drawn.
+    The scene must have at least one triangle. The context must be current here and in `draw`.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -237,11 +238,12 @@ class Drawing:
         *,
         color: bool,
     ) -> None:
-        """Draw all cameras from the back, then their reflections, into a cleared target.
+        """Draw the passes from back to front, then their reflections, into a cleared target.
 
-        Shaders contain only the simulated effects. Without `color` only triangle numbers are drawn.
+        Shaders contain only the simulated effects. Without `color`, only triangle numbers are
+        drawn.
         """
-        # Each aperture is drawn separately here; `plate.renderer` draws many at once.
+        # This draws one aperture; `plate.renderer` draws many at once.
         target.begin(color=color)
         for number, camera in enumerate(passes):
             target.clear_depth(camera.clear)
@@ -304,7 +306,7 @@ class Drawing:
     def _drawn(
         self, fragment: str, defines: dict[str, str], side: int | None = None
     ) -> ProgramWithMesh:
-        """Return a program and its mesh, which has its own vertices for a `side` of the plate."""
+        """Return a program and its mesh, restricted to a `side` of the plate if given."""
         key = (fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
             self._programs[key] = program(self._context, fragment, defines)

@@ -1,6 +1,6 @@
-"""The paper's double frustum: C, then C* over it (paper, sections 3 to 6).
+"""The paper's double frustum: C, with C* drawn over it (paper, sections 3 to 6).
 
-Means of color over the pixel's box and over the aperture are drawn in tiles (band limiting).
+Band limiting, means of color over the pixel's area and over the aperture, is drawn in tiles.
 """
 
 import time
@@ -35,20 +35,20 @@ from xfrustum.scenes.model.visibility import loses_far_plane
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-#: Points that are drawn at once. This bounds a target's memory, 28 bytes for each coverage sample
-#: of a point.
+#: Largest number of sample points drawn at once. It bounds a target's memory, 28 bytes for each
+#: coverage sample of a point.
 POINTS_AT_ONCE = 1 << 21
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tile:
-    """A part of the film that is drawn at once, several points a pixel."""
+    """Part of the film that is drawn at once, with several points per pixel."""
 
     film: tuple[int, int]  #: W, H of the whole film in pixels
     corner: tuple[
         int, int
     ]  #: Column and row of the tile's first pixel, from the top left of the film
-    extent: tuple[int, int]  #: Columns and rows of pixels; they may run past the film's end
+    extent: tuple[int, int]  #: Columns and rows of pixels; they may extend beyond the film
     supersample: int  #: Points along each side of a pixel
 
     @property
@@ -57,7 +57,7 @@ class Tile:
         return self.extent[0] * self.supersample, self.extent[1] * self.supersample
 
     def seen_by(self, camera: Pass) -> Pass:
-        """Return the camera whose whole image is this part of its film."""
+        """Return a camera whose whole image is this part of the film of `camera`."""
         (width, height), (column, row), (columns, rows) = self.film, self.corner, self.extent
         center = ((2 * column + columns) / width - 1, 1 - (2 * row + rows) / height)
         matrix = np.eye(4)
@@ -95,7 +95,7 @@ class Mean:
         there += mean[: there.shape[0], : there.shape[1]]
 
     def over(self, count: int) -> Singles:
-        """Return the mean of a number of whole images, (H, W, 3)."""
+        """Return the mean over `count` whole images, (H, W, 3)."""
         return (self._sum / count).astype(np.float32)
 
 
@@ -104,29 +104,30 @@ def largest_image() -> int:
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
 
 
-#: camera pairs with cached points: a sweep begins the next pair before the previous is done
+#: number of camera pairs with cached points: a sweep starts a pair before the previous one ends
 SHOWN_CAMERAS = 2
 
-#: the sampling with one point a pixel, seen through the middle of the aperture
+#: sampling with one point per pixel, seen from the aperture's center
 SINGLE_SAMPLE = Sampling()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """A hogel image and the time that it took."""
+    """Hogel image with the time of its drawing."""
 
     image: HogelImage
-    gpu_s: float  #: drawing time by the device's own clock, s
+    gpu_s: float  #: drawing time by the GPU's clock, s
     read_s: float  #: wall time of read-back, positions, and means of color, s
 
 
 class Rasterizer(ContextOwner):
     """Scene on the GPU, uploaded once in float32, drawn for any aperture and settings.
 
-    A context manager: leaving it frees the context. `effects` are the simulated effects; None
-    selects the effects that the scene needs, which are more if a tiny near shows surfaces beyond
-    the reach. `model` is the model of the device; None selects the recorded model. Raises
-    InputError if there is no usable OpenGL, the scene is too large for it, or an effect is unknown.
+    It is a context manager that frees the OpenGL context on exit. `effects` are the simulated
+    effects; None selects the effects that the scene needs. With a tiny near, which shows surfaces
+    beyond the reach, more effects may be needed. `model` is the model of the device; None selects
+    the recorded model. Raises InputError if OpenGL is not usable, if the scene is too large for the
+    device, or if an effect is unknown.
     """
 
     def __init__(
@@ -144,14 +145,14 @@ class Rasterizer(ContextOwner):
         self.device = describe(self._context)
         self.model = model or model_of(self.device)
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
-        #: Identities and points of the latest picture of some cameras, the latest last.
+        #: Identities and points of the latest pictures, by cameras; the newest is last.
         self._shown: dict[tuple[object, ...], tuple[NDArray[np.uint64], Singles]] = {}
         try:
             check_room(scene, self.device["renderer"], vertex_bytes=POSITION_BYTES)
         except InputError:
             self._context.release()
             raise
-        # A buffer cannot be empty: a scene without triangles has nothing on the GPU.
+        # A buffer cannot be empty, so that a scene without triangles has no buffers.
         solid = len(scene.faces) > 0
         self._drawing = Drawing(self._context, scene) if solid else None
         self._positions = Positions(self._context, scene) if solid else None
@@ -165,7 +166,7 @@ class Rasterizer(ContextOwner):
         self._context.release()
 
     def check_sampling(self, sampling: Sampling) -> None:
-        """Raise InputError if the device cannot take as many samples."""
+        """Raise InputError if the device does not support as many samples."""
         if sampling == SINGLE_SAMPLE:
             return  # every device supports one sample
         device = self.device["renderer"]
@@ -183,11 +184,11 @@ class Rasterizer(ContextOwner):
             )
 
     def effects_for(self, settings: DoubleFrustum) -> frozenset[Effect]:
-        """Return the effects that pictures with these settings are drawn with."""
+        """Return the effects of pictures drawn with these settings."""
         if not self._automatic or not loses_far_plane(self.scene, settings):
             return self.effects
         if self._beyond_reach is None:
-            # A picture without a far plane is unlimited in depth: all such settings need the same
+            # Without a working far plane, depth is unlimited: all such settings need the same
             # effects.
             self._beyond_reach = needed(self.scene, question=Question(settings=(settings,)))
         return self._beyond_reach
@@ -203,10 +204,10 @@ class Rasterizer(ContextOwner):
     ) -> HogelImage:
         """Return the hogel image of an aperture.
 
-        An image without `normals` or `color` is drawn faster. `sampling` applies to color; None
-        selects the scene's sampling. Triangles and positions always belong to the pixel's center,
-        seen through the middle of the aperture. Raises InputError if near is not smaller than the
-        reach, or the device cannot take as many samples.
+        An image without `normals` or `color` takes less time. `sampling` applies to color; None
+        selects the scene's sampling. Triangles and positions are always at the pixel's center, seen
+        from the aperture's center. Raises InputError if near is not smaller than the reach, or if
+        the device does not support as many samples.
         """
         return self.draw(aperture, settings, normals=normals, color=color, sampling=sampling).image
 
@@ -223,15 +224,15 @@ class Rasterizer(ContextOwner):
         self._check(aperture, settings)
         sampling = self.scene.sampling if sampling is None else sampling
         self.check_sampling(sampling)
-        # OpenGL draws in the current context, and another Rasterizer may have been opened since.
+        # OpenGL draws in the current context, which another Rasterizer may have changed.
         with self._context:
             target = self._target(self.scene.frustum.resolution, settings.depth)
             effects = self.effects_for(settings)
             passes = drawing_order(self.scene, aperture, settings, effects)
             clock = GpuClock()
             with clock:
-                # A software renderer reads the clock once per tile and batch, when it works on that
-                # tile. The flush puts the two queries into different batches.
+                # A software renderer reads the clock once per tile and batch, while it processes
+                # the tile. The flush puts the two queries into different batches.
                 GL.glFlush()
                 self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
             start = time.perf_counter()
@@ -273,10 +274,10 @@ class Rasterizer(ContextOwner):
     def _position(
         self, target: Target, passes: Sequence[Pass], identity: NDArray[np.uint32]
     ) -> Singles:
-        """Return the surface points (H, W, 3) of a picture, NaN for none.
+        """Return the surface points (H, W, 3) of a picture, NaN without a surface.
 
-        Between depth buffers few pixels of the same cameras change: all other points are copied
-        from the previous picture.
+        With the same cameras and another depth buffer few pixels change: all other points are
+        copied from the previous picture.
         """
         position = np.full((*identity.shape[:2], 3), np.nan, dtype=np.float32)
         if self._positions is None or not passes:
@@ -285,7 +286,7 @@ class Rasterizer(ContextOwner):
         cameras = tuple(
             (camera.clip_from_scene[[0, 1, 3]].tobytes(), camera.heights) for camera in passes
         )
-        # Triangle and camera as one number: this comparison is 25 times as fast.
+        # Compare triangle and camera as one 64-bit number, which is 25 times as fast.
         both = identity.view(np.uint64)[..., 0]
         changed = both != 0
         if before := self._shown.pop(cameras, None):

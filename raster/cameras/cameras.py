@@ -1,10 +1,11 @@
 """C and C* for OpenGL: depth formats, matrices with the near offset, passes (figures 4 to 6).
 
-Matrices are named target-from-source and multiply column vectors. They are made in double
-precision and rounded once, to the float32 that OpenGL computes with.
+Matrices are named target-from-source and multiply column vectors. Matrices are computed in double
+precision and rounded once, to the float32 of OpenGL.
 
-C keeps the nearest surface and starts from its far value; C* keeps the farthest and starts
-from its near value (paper, section 3). Tests are strict: of equal depths the first drawn stays.
+C keeps the nearest surface, and its depth buffer is cleared to the far value. C* keeps the farthest
+surface, and its buffer is cleared to the near value (paper, section 3). Depth tests are strict: of
+two equal depths, the one drawn first stays.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from xfrustum.scenes.plate.double_frustum import (
 )
 from xfrustum.scenes.plate.plate import Aperture, Frustum
 
-#: OpenGL's name of each format of the depth buffer
+#: OpenGL constant of each depth buffer format
 INTERNAL_FORMAT: dict[DepthFormat, int] = {
     DepthFormat.D16: GL.GL_DEPTH_COMPONENT16,
     DepthFormat.D24: GL.GL_DEPTH_COMPONENT24,
@@ -37,32 +38,32 @@ INTERNAL_FORMAT: dict[DepthFormat, int] = {
 }
 
 
-#: clip depth over w at a camera's near and far plane
+#: clip depth divided by w, at a camera's near plane and far plane
 Ends = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mapping:
-    """A depth mapping in the terms of OpenGL."""
+    """OpenGL state and shader expression of a depth mapping."""
 
     ends: Ends
-    clip_control: int = GL.GL_ZERO_TO_ONE  #: The range of clip depth that OpenGL keeps
+    clip_control: int = GL.GL_ZERO_TO_ONE  #: Range of clip depth inside the frustum
     #: Expression for the shader's `FRAGMENT_DEPTH`; empty if the hardware interpolates depth
     fragment_depth: str = ""
-    #: stored_near, stored_far: Values that the buffer holds at the near and at the far plane
+    #: stored_near, stored_far: Values of the buffer at the near and at the far plane
     stored_near: float = 0.0
     stored_far: float = 1.0
 
 
 _HYPERBOLIC = 0.0, 1.0
 
-#: Clip depth of the reversed mapping. It also serves fragments that write their own depth, for
-#: which clip depth only has to clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32
-#: would clip some surfaces in front of the far plane, or keep some behind it.
+#: Clip depth of the reversed mapping. It is also used if fragments write depth, because clip depth
+#: then only clips. `_HYPERBOLIC` would be worse: f / (f - n) rounded to float32 clips some surfaces
+#: in front of the far plane, or keeps some behind it.
 _REVERSED = 1.0, 0.0
 
 
-#: OpenGL's terms of each depth mapping
+#: OpenGL state of each depth mapping
 MAPPINGS = {
     DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
     DepthMapping.GL: Mapping(ends=(-1.0, 1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
@@ -76,7 +77,7 @@ MAPPINGS = {
 
 @dataclass(frozen=True, kw_only=True)
 class FilmWindow:
-    """The rectangle that an aperture's film spans at unit distance from the plate."""
+    """Rectangle that an aperture's film spans at unit distance from the plate."""
 
     #: dx/dz and dy/dz of the frustum's axis: shift of a plane by the shear, per unit of height
     axis: tuple[float, float]
@@ -86,7 +87,7 @@ class FilmWindow:
 
     @classmethod
     def from_frustum(cls, frustum: Frustum, aperture: Aperture) -> FilmWindow:
-        """Return the window: fixed angles, or the fixed screen as seen from the aperture."""
+        """Return the window of fixed angles, or of the fixed screen seen from the aperture."""
         screen = frustum.screen
         if screen is None:
             assert frustum.fov is not None
@@ -107,17 +108,17 @@ class FilmWindow:
 
 @dataclass(frozen=True, kw_only=True)
 class SlabCamera:
-    """One camera: its position and its range of depth."""
+    """Position and depth range of one camera."""
 
     #: True for C, which looks away from the viewer; False for C*, which looks back
     orthoscopic: bool
-    #: Distance by which the camera has stepped back from the plate, against its direction of view
+    #: Offset of the camera from the plate, opposite to its direction of view
     step: float
     #: near, far: Distances of the near and the far plane from the camera
     near: float
     far: float
     heights: tuple[float, float]  #: |z| of the two planes
-    #: Factor of the film window: below one if a plane at finite height is drawn exactly
+    #: Factor of the film window: below one if a plane at finite height is fitted
     scale: float
 
 
@@ -137,7 +138,8 @@ def slab_cameras(
                 near=settings.near if touches_plate else low,
                 far=step + high,
                 heights=(low if step or not touches_plate else settings.near, high),
-                # At the fitted height, the window from n farther away spans the true frustum.
+                # At the fitted height, the scaled window of the offset camera spans the true
+                # frustum.
                 scale=1.0 if fitted is None or not touches_plate else fitted / (fitted + step),
             )
         )
@@ -152,7 +154,7 @@ def clip_from_scene(
     projection = clip_from_eye(window, camera, ends)
     eye = eye_from_sheared(camera)
     stands_at = camera.step if camera.orthoscopic else -camera.step
-    # The shear leaves the plane of its pivot in place: the plate (paper, figure 6), or the plane of
+    # The shear does not move the plane of its pivot: the plate (paper, figure 6), or the plane of
     # the camera's position.
     return (
         projection
@@ -174,9 +176,9 @@ def eye_from_sheared(camera: SlabCamera) -> Floats:
     """Return the matrix to eye coordinates, with the camera at the origin looking to -z.
 
     Relative to C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3),
-    because lines that cross at the aperture leave it on the other side of the axis. These two flips
-    and the opposite direction of view are three mirrors, an odd number, which reverses window
-    winding: faces turned to C* run clockwise.
+    because lines that cross at the aperture are on the other side of the axis beyond it. These two
+    flips and the opposite direction of view are three reflections. An odd number reverses window
+    winding: faces turned to C* are clockwise.
     """
     matrix = np.eye(4) if camera.orthoscopic else np.diag([-1.0, -1.0, -1.0, 1.0])
     matrix[2, 3] = -camera.step
@@ -184,7 +186,7 @@ def eye_from_sheared(camera: SlabCamera) -> Floats:
 
 
 def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: Ends) -> Floats:
-    """Return the perspective projection of a camera that looks to -z; w is the distance from it."""
+    """Return the perspective projection of a camera that looks to -z; clip w is -z."""
     near, far = camera.near, camera.far
     slope = (ends[1] * far - ends[0] * near) / (far - near)
     matrix = np.zeros((4, 4))
@@ -198,16 +200,16 @@ def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: Ends) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """One camera's share of an image."""
+    """Camera and OpenGL state with which one pass of an image is drawn."""
 
     clip_from_scene: Floats  #: The camera's matrix, in double precision
-    planes: tuple[float, float]  #: Distances of its near and far plane
+    planes: tuple[float, float]  #: Distances of the near and far plane from the camera
     heights: tuple[float, float]  #: Lowest and highest z between these planes
-    clear: float  #: The value that the depth buffer is cleared to
-    depth_function: str  #: The comparison that a fragment must pass
-    front_face: str  #: The window winding of faces that are turned to the camera
-    #: Culled faces, as OpenGL names them: `back` faces are turned away from the camera, `front`
-    #: faces toward it; None if all are drawn
+    clear: float  #: Clear value of the depth buffer
+    depth_function: str  #: Comparison of the depth test
+    front_face: str  #: Window winding of faces that are turned to the camera
+    #: Culled faces in OpenGL's terms: `back` faces are turned away from the camera, `front` faces
+    #: toward it; None if all faces are drawn
     culled_face: str | None
     #: True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3)
     orthoscopic: bool
@@ -221,10 +223,10 @@ class Pass:
 def lines_of_pixels(clip_from_scene: Floats) -> Floats:
     """Return (.., 3, 3) directions of film points (u, v, 1) away from cameras (.., 4, 4).
 
-    Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d
-    from it has (x, y, w) = w (u, v, 1): the inverse of the matrix's 3 x 3 part for x, y and w takes
-    (u, v, 1) to d. An affine camera, with w = 1, has one direction (dx, dy, -1), along which clip x
-    and y are constant.
+    Clip x, y and w are zero at the camera's position. A point at depth w along a direction d has
+    (x, y, w) = w (u, v, 1). Therefore the inverse of the 3 x 3 part of the matrix for x, y and w
+    maps (u, v, 1) to d. An affine camera, with w = 1, has one direction (dx, dy, -1), along which
+    clip x and y are constant.
     """
     rows = clip_from_scene[..., (0, 1, 3), :3]
     if rows[..., 2, :].any():
@@ -239,10 +241,10 @@ def drawing_order(
     settings: DoubleFrustum,
     effects: frozenset[Effect] = ALL_EFFECTS,
 ) -> list[Pass]:
-    """Return the passes of an image from the back, each nearer to the viewer than the last.
+    """Return the passes of an image from back to front.
 
     The slabs of C come first, from the outermost inward, then the slabs of C*, from the innermost
-    outward. Empty slabs are left out, and so are cameras that are not among the effects.
+    outward. Empty slabs and cameras that are not among the effects are left out.
     """
     cameras = cameras_in_order(scene, settings, effects)
     return [pass_of(scene, aperture, settings, camera) for camera in cameras]
@@ -251,7 +253,7 @@ def drawing_order(
 def cameras_in_order(
     scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
 ) -> list[SlabCamera]:
-    """Return the cameras of every image, from the back: the same for all apertures."""
+    """Return the cameras of an image from back to front, equal for all apertures."""
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
@@ -274,7 +276,7 @@ def kept_heights(camera: SlabCamera) -> tuple[float, float]:
 
 
 def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
-    """Return one camera's share of an aperture's image."""
+    """Return the pass of one camera for an aperture."""
     mapping = MAPPINGS[settings.mapping]
     # Faces turned away from the viewer are culled; C* looks at the viewer.
     away = "back" if camera.orthoscopic else "front"

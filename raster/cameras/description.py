@@ -1,6 +1,6 @@
 """Description of the cameras C and C* of any settings and aperture for other renderers.
 
-`cameras_of` has all of it; cameras of glTF and Mitsuba are made from that description.
+`cameras_of` makes the full description, from which `gltf` and `mitsuba` make their cameras.
 """
 
 import math
@@ -63,15 +63,16 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
             FilmWindow.from_frustum(scene.frustum, aperture),
         )
         rows = drawn.clip_from_scene[(0, 1, 3), :]
-        # Clip x, y and w are all zero there; adding zero turns a negative zero into a positive one.
+        # Clip x, y and w are zero at the position. Adding zero turns a negative zero into a
+        # positive one.
         x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3]) + 0.0
         return {
             "camera": "c" if slab.orthoscopic else "c-star",
             "clip_from_scene": drawn.clip_from_scene,
             "position": (float(x), float(y), float(z)),
             "looks_to": "-z" if slab.orthoscopic else "+z",
-            # Flips left-right and up-down, relative to an ordinary picture in that direction, y
-            # axis up.
+            # True for flips left-right and up-down, relative to an ordinary picture with the y axis
+            # up.
             "film_flipped": not slab.orthoscopic,
             # k and t of the film: slopes about the center of projection, including the factor of
             # the fit.
@@ -87,7 +88,7 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
                 "function": DEPTH_FUNCTIONS[settings.mapping],
                 "near_value": mapping.stored_near,
                 "far_value": mapping.stored_far,
-                # Depths over w between which the pass clips.
+                # Range of clip depth over w.
                 "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
                 "written_by_fragment": bool(
                     mapping.fragment_depth
@@ -95,8 +96,7 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
                 "test": drawn.depth_function,
                 "clear": drawn.clear,
             },
-            # Window winding of faces that are turned to the camera, and of those left out, as in
-            # OpenGL.
+            # Window winding of faces that are turned to the camera, and culled faces, as in OpenGL.
             "front_face": drawn.front_face,
             "culled_face": drawn.culled_face,
         }
@@ -122,8 +122,8 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
 
 # glTF and Mitsuba
 
-#: Largest relative deviation of a pixel's width from its height at which it counts as square. The
-#: end of a film 1e4 pixels wide is then off by at most 1e-5 pixels.
+#: Largest relative difference of a pixel's width and height at which it counts as square: an error
+#: of at most 1e-5 pixels at the end of a film 1e4 pixels wide.
 MAX_PIXEL_ASPECT_DEVIATION = 1e-9
 
 #: Quaternion (x, y, z, w) of the rotation that makes a camera look to +z
@@ -140,7 +140,7 @@ GLTF_NOTE = (
 
 
 def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
-    """Yield every camera and its notes in both formats."""
+    """Yield every camera with the notes that both formats have."""
     for entry in cameras["apertures"]:
         for number, camera in enumerate(entry["passes"]):
             notes = {
@@ -155,8 +155,8 @@ def gltf(cameras: Record) -> Record:
     """Return a glTF 2.0 document with a camera and a node for each pass.
 
     The camera has the smallest centered picture that contains the film. A camera that looks to +z
-    is an ordinary camera turned about its y axis. The film of C* is its picture with the rows
-    reversed: slopes k + u t grow with the picture's x, but k + v t grow against its y.
+    is an ordinary camera turned about its y axis. The film of C* is this picture with rows
+    reversed: slopes k + u t increase with the picture's x, but slopes k + v t decrease with its y.
     """
     lenses: list[Record] = []
     nodes: list[Record] = []
@@ -190,11 +190,11 @@ def gltf(cameras: Record) -> Record:
 
 
 def mitsuba(cameras: Record) -> Record:
-    """Return a sensor plugin of Mitsuba 3 as a dict for each pass.
+    """Return a Mitsuba 3 sensor plugin for each pass, as a dict.
 
-    `to_world` is a list of rows: give it to `mitsuba.ScalarTransform4f` before `mitsuba.load_dict`.
-    Raises InputError if pixels of the film are not square, because Mitsuba's sensor has only square
-    pixels.
+    `to_world` is a list of rows: convert it with `mitsuba.ScalarTransform4f` before
+    `mitsuba.load_dict`. Raises InputError if pixels of the film are not square, because Mitsuba's
+    sensor has only square pixels.
     """
     width, height = cameras["frustum"].resolution
     sensors = []

@@ -1,8 +1,8 @@
 """Views of a plate by one pixel of all hogels: the plate is the film, an aperture a pixel.
 
-The lines of one pixel of a centered frustum are parallel, and an affine camera sees them; in a
-recentered frustum they pass through a point of the screen, where a perspective camera stands. There
-is no near offset and no second camera, and an affine camera's depth is linear in z.
+In a centered frustum, the lines of one pixel are parallel, and the camera is affine, with depth
+linear in z. In a recentered frustum, the lines pass through a point of the screen, the center of a
+perspective camera. There is no near offset and no second camera.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def film_point(frustum_resolution: tuple[int, int], pixel: tuple[int, int]) -> t
 def direction_pass(scene: Scene, tile: PlateTile, pixel: tuple[int, int]) -> Pass:
     """Return the camera of a pixel (column, row) of all hogels of a tile.
 
-    Raises InputError for a screen that surfaces within the reach cross or lie beyond.
+    Raises InputError if surfaces within the reach cross the screen or lie beyond it.
     """
     u, v = film_point(scene.frustum.resolution, pixel)
     screen = scene.frustum.screen
@@ -77,7 +77,7 @@ def _toward_the_back(
 
 
 def _perspective(scene: Scene, tile: PlateTile, screen: Screen, film: tuple[float, float]) -> Pass:
-    """Return the camera at the point of the screen that a pixel of every hogel shows."""
+    """Return the camera at the point of the screen on a pixel's lines in all hogels."""
     lowest, highest = scene.bounds[0][2], scene.bounds[1][2]
     low, high = max(lowest, -scene.frustum.reach[1]), min(highest, scene.frustum.reach[0])
     before = screen.height > 0
@@ -87,12 +87,13 @@ def _perspective(scene: Scene, tile: PlateTile, screen: Screen, film: tuple[floa
             f"{screen.height:.6g}, in which a view by direction has its camera; "
             "draw the plate by hogels"
         )
-    # A screen before the plate shows its image mirrored in both axes.
+    # A screen in front of the plate shows its image mirrored in both axes.
     side = -1 if before else 1
     at = [screen.center[k] + side * film[k] * screen.size[k] / 2 for k in range(2)]
     distance = abs(screen.height)
     center, half = window(tile)
-    # w is the distance from the screen: zs - z before the plate, z - zs behind it.
+    # w is the distance from the screen: zs - z for a screen in front of the plate, z - zs behind
+    # it.
     sign = -1.0 if before else 1.0
     w = np.array([0.0, 0.0, sign, distance])
     rows = []
@@ -100,8 +101,9 @@ def _perspective(scene: Scene, tile: PlateTile, screen: Screen, film: tuple[floa
         across = np.zeros(4)
         across[axis], across[3] = distance, -distance * at[axis]
         rows.append((across + (at[axis] - center[axis]) * w) / half[axis])
-    # The near plane cuts at the end of the reach, or lies a little before the nearest surface: as
-    # far from the camera as possible, because depth is hyperbolic here. The far plane cuts.
+    # The near plane is at the end of the reach, or slightly in front of the nearest surface: as far
+    # from the camera as possible, because depth is hyperbolic here. The far plane is at the other
+    # end of the reach.
     heights = (-scene.frustum.reach[1], scene.frustum.reach[0])
     first, last = reversed(heights) if before else heights
     surface = high if before else low

@@ -1,4 +1,4 @@
-"""The one place that makes an OpenGL context: moderngl over EGL, without a display."""
+"""Creation of OpenGL contexts: moderngl over EGL, without a display."""
 
 import ctypes
 import os
@@ -36,7 +36,7 @@ _HELP = (
 def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
     """Return a new context of at least a version of OpenGL; InputError if there is none.
 
-    Warns with SoftwareWarning if it draws on the processor although the machine has a card.
+    Warns with SoftwareWarning if the context draws on the CPU although the machine has a GPU.
     """
     if not isinstance(platform.PLATFORM, EGLPlatform):
         raise InputError(
@@ -63,11 +63,11 @@ def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
 
 
 class SoftwareWarning(UserWarning):
-    """OpenGL draws on the processor although the machine has a card."""
+    """OpenGL draws on the CPU although the machine has a GPU."""
 
 
 def _context(version: int, index: int = 0) -> moderngl.Context:
-    """Return a context of at least a version; some drivers, such as NVIDIA's, return just this."""
+    """Return a context of at least a version; some drivers, such as NVIDIA's, return exactly it."""
     # moderngl annotates this argument as a dictionary, but its code takes a name.
     backend: dict[str, Any] = {"backend": "egl", "device_index": index}
     return moderngl.create_context(require=version, standalone=True, **backend)
@@ -78,12 +78,12 @@ class EglDevice:
     """One of the devices that EGL lists."""
 
     index: int
-    renderer: str  #: as OpenGL names it; empty if the device gives no context
-    version: str  #: OpenGL version of the device, or the reason why it has none
+    renderer: str  #: OpenGL's name; empty if no context can be made on the device
+    version: str  #: OpenGL version of the device, or the reason why it has no context
 
 
 def egl_devices() -> tuple[EglDevice, ...]:
-    """Return all devices that EGL lists, each with the newest OpenGL that it has."""
+    """Return all devices that EGL lists, each with its newest OpenGL version."""
     devices = []
     for index in range(_device_count()):
         reason, context = "", None
@@ -102,7 +102,7 @@ def egl_devices() -> tuple[EglDevice, ...]:
     return tuple(devices)
 
 
-#: List of cards of NVIDIA's kernel driver, also of cards that EGL does not list
+#: GPUs listed by NVIDIA's kernel driver, including GPUs that EGL does not list
 NVIDIA_CARDS = Path("/proc/driver/nvidia/gpus")
 
 VENDORS_ASKED = "__EGL_VENDOR_LIBRARY_FILENAMES"
@@ -114,7 +114,7 @@ SOFTWARE_ASKED = ("LIBGL_ALWAYS_SOFTWARE", "GALLIUM_DRIVER", "MESA_LOADER_DRIVER
 
 
 def overlooked_card() -> str | None:
-    """Return advice about a card of the machine that EGL does not use; None if there is none."""
+    """Return advice about a GPU that EGL does not use; None if there is no such GPU."""
     models = [_card_name(card) for card in sorted(NVIDIA_CARDS.glob("*/information"))]
     if gpu_indices():
         set_by_user = [name for name in SOFTWARE_ASKED if os.environ.get(name)]
@@ -147,7 +147,7 @@ def _card_name(information: Path) -> str:
 
 
 def is_software(renderer: str) -> bool:
-    """Return whether the renderer of this name draws on the processor."""
+    """Return whether the renderer of this name draws on the CPU."""
     return any(name in renderer for name in ("llvmpipe", "softpipe", "SwiftShader", "swr"))
 
 
@@ -162,7 +162,7 @@ def describe(context: moderngl.Context) -> dict[str, str]:
 
 
 class ContextOwner(ABC):
-    """Owner of an OpenGL context: a context manager that releases it at its end."""
+    """Owner of an OpenGL context; as a context manager it releases the context on exit."""
 
     def __enter__(self) -> Self:
         return self
@@ -180,14 +180,14 @@ class ContextOwner(ABC):
         """Free the context and everything in it."""
 
 
-#: Extension of devices that draw in software (registry of EGL, EGL_MESA_device_software)
+#: Extension of devices that draw in software (EGL registry, EGL_MESA_device_software)
 SOFTWARE = b"EGL_MESA_device_software"
 
 
 def gpu_indices() -> tuple[int, ...]:
     """Return the indices of the EGL devices that are not software; empty if EGL has no list.
 
-    No context is made. Indices count the devices of eglQueryDevicesEXT, as in moderngl.
+    No context is created. Indices are positions in the list of eglQueryDevicesEXT, as in moderngl.
     """
     if not isinstance(platform.PLATFORM, EGLPlatform):
         return ()
@@ -198,14 +198,14 @@ def gpu_indices() -> tuple[int, ...]:
             if SOFTWARE not in extensions.split()
         )
     except error.Error:
-        # The driver has no such extension: devices cannot be chosen.
+        # The driver lacks the extension, so that devices cannot be selected.
         return ()
 
 
 def cuda_index(device: int) -> int | None:
-    """Return CUDA's number of the card behind an EGL device; None if it has none.
+    """Return the CUDA number of an EGL device; None if it has none.
 
-    CUDA and EGL number the cards in different orders (registry of EGL, EGL_NV_device_cuda).
+    CUDA and EGL number GPUs in different orders (EGL registry, EGL_NV_device_cuda).
     """
     number = EGL.EGLAttrib()
     try:
@@ -235,7 +235,7 @@ def _devices() -> list[Any]:
 
 
 def _extensions() -> Iterator[bytes]:
-    """Yield the extensions of every device, as one text each."""
+    """Yield the extensions of every device, one string per device."""
     for device in _devices():
         yield eglQueryDeviceStringEXT(device, EGL.EGL_EXTENSIONS) or b""
 
@@ -245,9 +245,9 @@ NANOSECOND = 1e-9
 
 
 class GpuClock:
-    """Time of a block in the current context by two timestamps in the device's own queue.
+    """GPU time of a `with` block in the current context, from two timestamps in the GPU's queue.
 
-    The device may execute the block later; only `seconds` waits for it.
+    The GPU may execute the block later; only `seconds` waits for it.
     """
 
     def __enter__(self) -> Self:
@@ -268,19 +268,19 @@ class GpuClock:
         return max(results[1].value - results[0].value, 0) * NANOSECOND
 
 
-#: Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each
+#: Bytes of a vertex in double precision: three coordinates of 8 bytes, uploaded by `Positions`
 POSITION_BYTES = 24
 
-#: Largest number of triangles: shaders index three values of each with signed 32-bit integers
+#: Largest number of triangles: shaders index three values per triangle with int32
 MAX_TRIANGLES = (1 << 31) // 3
 
-#: Bytes of memory that a pixel takes from the first drawing until its image is written: 28 on the
-#: device (identities 8, color 16, depth 4), which a software renderer keeps in the same memory; the
-#: numbers, positions, normals and colors that are read back; and the channels of the file. Measured
-#: with llvmpipe: 185 at 2048 x 2048.
+#: Peak memory per pixel, in bytes, from drawing to writing the image: 28 on the device (identities
+#: 8, color 16, depth 4), in main memory for a software renderer; the numbers, positions, normals
+#: and colors that are read back; and the channels of the file. llvmpipe needs 185 at 2048 x 2048
+#: (measured).
 PIXEL_BYTES = 190
 
-#: Internal format, layout and type of the textures that an image is drawn into (see `targets`)
+#: Internal format, layout and type of the textures of an image (see `targets`)
 _TARGETS = (
     (GL.GL_RG32UI, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT),
     (GL.GL_RGBA32F, GL.GL_RGBA, GL.GL_FLOAT),
@@ -289,7 +289,7 @@ _TARGETS = (
 
 
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
-    """Raise InputError if the device has no room for images, or for vertices in a block."""
+    """Raise InputError if images, or the vertices in one block, do not fit the device's memory."""
     if len(scene.faces) > MAX_TRIANGLES:
         raise InputError(
             f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn"
@@ -348,7 +348,7 @@ def free_memory() -> int | None:
 
 
 def require_room(scene: Scene) -> None:
-    """Raise the InputErrors of `Rasterizer` early: for commands that work long before they draw."""
+    """Raise the InputErrors of `Rasterizer` early, in commands that draw after long computation."""
     context = open_context()
     try:
         with context:

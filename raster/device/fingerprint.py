@@ -1,7 +1,7 @@
-"""Triangles, depths and texels that show how a device rounds.
+"""Fingerprint of a device: test pictures that reveal its rounding of triangles, depths and texels.
 
-OpenGL 3.3 is enough, so devices too old to draw hogels can be measured. Without clip control, all
-clip depth runs from -1 to 1.
+OpenGL 3.3 suffices, so that devices too old to draw hogels can be measured too. Without clip
+control, all clip depths are from -1 to 1.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ SIZE = 64
 TRIANGLES, EDGES = (
     240,
     160,
-)  #: numbers: triangles with measured depth, random triangles with measured coverage
+)  #: numbers of triangles for measurements of depth, and of coverage
 UPRIGHT, FARTHEST = (
     60,
     23,
-)  #: triangles with sides along rows and columns; the largest have 2^23 pixels
-#: seed of the random triangles, the same in the recorded fingerprints
+)  #: number of triangles with sides along rows and columns; log2 of the largest size in pixels
+#: seed of the random triangles, equal in all recorded fingerprints
 SEED = 11
 #: value of pixels without a fragment
 EMPTY = -9.0
 
-#: First depth that fragments write, and the step to the next depth, in units in the last place
+#: Pairs of the first depth that fragments write, and the step to the next depth in ULP
 WRITTEN = (
     (0.96, 101),
     (0.5, 1021),
@@ -85,17 +85,17 @@ class Fingerprint:
     device: dict[str, str]
     vertices: Singles
     zero_to_one: NDArray[np.bool_]  #: (T,) whether clip depth runs from 0 to 1, not from -1
-    varyings: Singles  #: (T, 3, 2) of the corners
+    varyings: Singles  #: (T, 3, 2) two varyings of each corner
     stored: dict[DepthFormat, NDArray[Any]]  #: stored depths, in steps of D16 and D24
-    #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where no fragment is
+    #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` without a fragment
     fragment: Singles
-    others: Singles  #: likewise, noperspective varyings, then flat ones
-    #: stored depths of each format, by the depths that fragments wrote (float32)
+    others: Singles  #: (T, 64, 64, 4) noperspective varyings, then flat varyings
+    #: for each format, the depths that fragments wrote (float32), and the stored depths
     written: dict[DepthFormat, tuple[Singles, NDArray[Any]]]
-    #: (4096,) places between a texel of 0 and one of 1, as a filter in float32 weighs them
+    #: (4096,) filtered values at positions between a texel of 0 and a texel of 1, float32
     filtered: Singles
-    edge_vertices: Singles  #: (E, 3, 4) triangles with corners at centers, or at 1/512 pixel
-    covered: Mask  #: (E, 64, 64) pixels that they cover
+    edge_vertices: Singles  #: (E, 3, 4) triangles with corners at pixel centers, or at 1/512 pixel
+    covered: Mask  #: (E, 64, 64) pixels that these triangles cover
 
     @property
     def drawn(self) -> Mask:
@@ -128,7 +128,7 @@ class Fingerprint:
 
 
 def _in_steps(depth: DepthFormat, read: NDArray[Any]) -> NDArray[Any]:
-    """Return read depths in steps of the format: D24 comes in the upper 24 of 32 bits."""
+    """Return depths, as read, in steps of the format: D24 is in the upper 24 of 32 bits."""
     return read >> 8 if depth is DepthFormat.D24 else read
 
 
@@ -151,10 +151,12 @@ def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
 
 
 def edge_triangles() -> Iterator[Singles]:
-    """Yield corners (3, 4) at pixel centers, where edges tie, and at odd multiples of 1/512 pixel.
+    """Yield corners (3, 4) of triangles that test coverage.
 
-    Then some with two sides along rows and columns, half a subpixel beside their centers, with 8
-    bits or 4, so that many pixels show how corners are rounded; and some of up to 2^23 pixels.
+    The first have corners at pixel centers, where edges tie, and at multiples of 1/512 pixel. Then
+    follow triangles with two sides along rows and columns, half a subpixel (of 8 or 4 bits) off
+    pixel centers, so that many pixels reveal the rounding of corners. The last are up to 2^23
+    pixels large.
     """
     rng = np.random.default_rng(SEED)
     places = [
@@ -240,7 +242,7 @@ class _Canvas:
 
 
 def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Fingerprint:
-    """Draw the fingerprint of the current context's device: one or two seconds in software."""
+    """Draw the fingerprint of the current context's device, in one or two seconds in software."""
     canvas, clip_control = _Canvas(context), bool(GL.glClipControl)
     program = context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
     vertices, varyings, zero_to_one = [], [], []

@@ -1,4 +1,4 @@
-"""Triangles of a scene on the GPU in float32: corners, attributes, numbers in vertices."""
+"""Triangles of a scene on the GPU in float32: corners, attributes, triangle numbers."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,15 +16,16 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NumberedMesh:
-    """A mesh's triangles over more vertices, in the same order and with the same first corners.
+    """Mesh in which the last vertex of each triangle carries the triangle's number.
 
-    `gl_PrimitiveID` starts again with every draw, and costs Mesa's software pipeline three vertices
-    a triangle. A flat varying comes from the last corner of a triangle: if this corner has its own
-    vertex, the vertex's number is the triangle's.
+    The order of triangles and corners is unchanged; vertices are duplicated. `gl_PrimitiveID`
+    restarts with every draw, and makes Mesa's software pipeline process three vertices per
+    triangle. A flat varying takes its value from the last corner of a triangle: if this corner has
+    its own vertex, the vertex number is the triangle number.
     """
 
-    #: (N,) number of the scene's vertex whose attributes each vertex copies. The first F vertices
-    #: are the triangles' last corners.
+    #: (N,) number of the scene's vertex that each vertex copies. The first F vertices are the last
+    #: corners of the triangles.
     source: Indices
     faces: NDArray[np.uint32]  #: (F, 3) uint32 into `source`
 
@@ -35,22 +36,22 @@ class NumberedMesh:
 
 
 def number_triangles(faces: Indices) -> NumberedMesh:
-    """Return the mesh of some faces (F, 3) in which triangle t ends with vertex t.
+    """Return the mesh of faces (F, 3) in which the last corner of triangle t is vertex t.
 
-    Each of the other two corners takes the copy of its vertex with the largest number up to its own
-    triangle's, or else the next larger one, so that neighboring triangles go on sharing vertices
-    that the vertex stage still holds. A vertex that is the last corner of no triangle has one copy,
-    after the copies of all others.
+    Each of the other two corners uses the copy of its vertex with the largest number up to the
+    triangle's own, or else the next larger one. Neighboring triangles then share vertices that are
+    still in the vertex cache. Vertices that are never a last corner have one copy each, after all
+    other copies.
     """
     count = len(faces)
     last = faces[:, 2]
-    # List all copies by vertex and then by triangle; the stable sort keeps the order by triangle.
+    # Sort all copies by vertex and then by triangle; the stable sort keeps the order by triangle.
     copies = np.argsort(last, kind="stable")
     owner = last[copies]
     numbered = np.empty((count, 3), dtype=np.int64)
     numbered[:, 2] = np.arange(count)
-    # Vertex and triangle of each copy as one ascending number: a search for (vertex, triangle)
-    # finds the copy that follows.
+    # Combine vertex and triangle of each copy into one ascending key: a search for the key of
+    # (vertex, triangle) returns the next copy.
     keys = owner * count + copies
     without_copy = np.setdiff1d(faces[:, :2], last)
     for corner in (0, 1):
@@ -73,19 +74,19 @@ NORMALS = 0
 #: Numbers per vertex of each attribute of hogel.vert
 ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
 
-#: Tolerance of heights, relative to the largest length along z, up to which a triangle still counts
-#: as on one side of the plate only. Clip depth is a sum of two products in float32, each within
-#: some 2^-22 of that length, and grows with the same factor as the distance to the near plane. Any
-#: device clips a whole triangle if all its corners are this far in front of the near plane, which
-#: is the plate or lies beyond it.
+#: Tolerance of heights, relative to the largest length along z, within which a triangle counts as
+#: on one side of the plate. Clip depth is a sum of two float32 products, each with an error of
+#: about 2^-22 of this length, and is proportional to the distance from the near plane. Any device
+#: clips a triangle completely if all its corners are in front of the near plane by this tolerance,
+#: and the near plane is at the plate or beyond it.
 SIDE_SLACK = 2.0**-10
 
 
 class Mesh:
     """Corners, indices and normals of triangles, uploaded once; other attributes on first use.
 
-    In float32, a texture of W texels is looked up at coordinate U to within about U W 2^-24 of a
-    texel.
+    In float32, the position of a texture lookup at coordinate U, in a texture of W texels, has an
+    error of about U W 2^-24 texels.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -97,21 +98,21 @@ class Mesh:
         self._sides: dict[int, moderngl.Buffer | None] = {}
 
     def drawn_by(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """Return the mesh for a program, with the attributes that it reads."""
+        """Return the mesh with the attributes that a program reads."""
         read = [name for name in ATTRIBUTES if name in program]
         content = [(self._attribute(name), f"{ATTRIBUTES[name]}f", name) for name in read]
         return self._context.vertex_array(program, content, index_buffer=self._indices)
 
     @staticmethod
     def side_of(heights: tuple[float, float]) -> int:
-        """Return the side of the plate between two z: 1 in front of it, -1 behind, 0 for both."""
+        """Return the side of the plate of a range of z: 1 in front, -1 behind, 0 for both."""
         return -1 if heights[1] <= 0 else 1 if heights[0] >= 0 else 0
 
     def numbered(self, program: moderngl.Program, side: int) -> moderngl.VertexArray | None:
-        """Return a mesh of positions whose triangles have the numbers of their last vertices.
+        """Return a mesh of positions in which last vertices carry triangle numbers.
 
-        Triangles on the other side of the plate (`side_of`) are left out; None if no triangle is
-        left.
+        Triangles on the other side of the plate (`side_of`) are left out; None if no triangle
+        remains.
         """
         if side not in self._sides:
             lowest, highest = self._scene.height_ranges
@@ -154,7 +155,7 @@ class Mesh:
 
 
 def attribute_of(scene: Scene, name: str) -> Singles:
-    """Return one of `ATTRIBUTES` of all vertices; zero at vertices without it, which are unused."""
+    """Return one of `ATTRIBUTES` of all vertices; unused zeros at vertices without it."""
     if name == "in_position":
         return scene.vertices.astype(np.float32)
     surface = scene.surface

@@ -1,4 +1,4 @@
-"""Surface points of pixels by a compute pass over the triangle numbers."""
+"""Surface points of pixels, computed on the GPU from triangle numbers."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -18,12 +18,12 @@ GROUP = 256
 #: number of work groups per dispatch that every device supports
 MAX_GROUPS = 65535
 
-#: Bytes of a point, three float32. Points are read in parts, one for each storage block.
+#: Bytes of a point, three float32. Points are read in parts that fit one storage block.
 BYTES_PER_POINT = 12
 
 
 class Identified(Protocol):
-    """A picture whose triangle and camera numbers a shader can look up."""
+    """Picture with triangle and camera numbers that a shader can look up."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -34,7 +34,7 @@ class Identified(Protocol):
 
 
 class Positions:
-    """Triangles of a scene, at least one, in double precision on the GPU, and the compute pass."""
+    """Triangles of a scene (at least one) in double precision on the GPU, and the compute pass."""
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         self._context = context
@@ -45,7 +45,7 @@ class Positions:
         self._program["nothing"] = float("nan")
 
     def read(self, target: Identified, drawn: Sequence[Pass], pixels: Indices) -> Singles:
-        """Return surface points (3, N) of a picture, scene units, NaN for none.
+        """Return surface points (3, N) of a picture, scene units, NaN without a surface.
 
         `pixels` (N,) are numbers of pixels, row by row from the top.
         """

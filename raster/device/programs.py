@@ -1,4 +1,4 @@
-"""Shaders of the folder `shaders`, assembled for some effects."""
+"""Shaders of the folder `shaders`, assembled for a choice of effects."""
 
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
@@ -9,7 +9,7 @@ from xfrustum.raster.cameras.cameras import Mapping as OpenGLMapping
 from xfrustum.raster.cameras.cameras import Pass
 from xfrustum.scenes.model.effects import Effect
 
-#: The effects that are part of the picture's shaders; the others are separate cameras and passes
+#: Effects computed in the picture's shaders; all others are separate cameras or passes
 SHADING = (
     Effect.SMOOTH_NORMALS,
     Effect.VERTEX_COLORS,
@@ -19,7 +19,7 @@ SHADING = (
     Effect.SPECULAR,
 )
 
-#: names that a shader tests with `#ifdef`, and their text
+#: names that a shader tests with `#ifdef`, and their values
 Defines = Mapping[str, str]
 
 
@@ -34,7 +34,7 @@ def shader(name: str) -> str:
 
 
 def defined(source: str, defines: Defines) -> str:
-    """Return a shader with names defined after its first line, which is the version of GLSL."""
+    """Return a shader with definitions inserted after the first line, the GLSL version."""
     version, rest = source.split("\n", 1)
     return "\n".join(
         (version, *(f"#define {name} {value}" for name, value in defines.items()), rest)
@@ -42,19 +42,19 @@ def defined(source: str, defines: Defines) -> str:
 
 
 def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
-    """Return the names that switch effects on in the shaders, for the effects of `SHADING`."""
+    """Return the definitions that enable the effects of `SHADING` in the shaders."""
     chosen = frozenset(effects)
     return {effect.name: "1" for effect in SHADING if effect in chosen}
 
 
 def picture_defines(mapping: OpenGLMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
-    """Return the names to define in hogel.frag for its depth and effects; None: no color."""
+    """Return the definitions for hogel.frag, of depth and effects; no color if None."""
     depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
     return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
 
 
 def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
-    """Return the names to define in reflection.frag: smooth normals or none."""
+    """Return the definitions for reflection.frag: smooth normals or none."""
     return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
 
 
@@ -74,7 +74,7 @@ def assign(program: moderngl.Program, **uniforms: object) -> None:
 
 
 def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
-    """Set the uniforms of a camera, its number in drawing order, and an image of W, H pixels."""
+    """Set the uniforms of a camera with its number in drawing order, and W, H of the image."""
     near, far = camera.planes
     assign(
         program,

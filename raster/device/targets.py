@@ -1,7 +1,7 @@
 """Framebuffers with depth formats that moderngl does not offer, through PyOpenGL.
 
-moderngl draws into whichever framebuffer is bound. It could wrap one, but neither offer its
-attachments nor free it, and it cannot wrap a framebuffer of several samples.
+moderngl draws into the bound framebuffer. It could wrap such a framebuffer, but gives no access to
+the attachments and does not free it. It cannot wrap a multisampled framebuffer.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ IDENTITY, COLOR = 0, 1
 
 _FORMATS = {IDENTITY: GL.GL_RG32UI, COLOR: GL.GL_RGBA32F}
 
-#: States switched off for every picture
+#: States disabled for every picture
 _OFF = (
     GL.GL_SCISSOR_TEST,
     GL.GL_STENCIL_TEST,
@@ -43,10 +43,10 @@ _OFF = (
 
 
 def forget_history() -> None:
-    """Reset all state of pictures that draws do not set, so that no picture depends on another.
+    """Reset all OpenGL state that draws do not set, so that no picture depends on another.
 
-    A draw sets its framebuffer and viewport, depth test and function, blending,
-    culling and the facing of faces, clip control, programs, buffers and textures.
+    A draw sets framebuffer and viewport, depth test and function, blending, culling and front
+    faces, clip control, programs, buffers and textures.
     """
     for state in _OFF:
         GL.glDisable(state)
@@ -73,12 +73,12 @@ _SAMPLE_LIMITS = (
 
 
 def most_samples() -> int:
-    """Return the largest number of coverage samples of the device for all attachments."""
+    """Return the largest number of coverage samples that all attachments support."""
     return min(int(GL.glGetIntegerv(limit)) for limit in _SAMPLE_LIMITS)
 
 
 def framebuffer(textures: Mapping[int, int], outputs: Sequence[int], *, depth: bool = True) -> int:
-    """Return a framebuffer of textures by attachment for shaders with some outputs.
+    """Return a framebuffer with these textures, by attachment, for the outputs of shaders.
 
     An output without a texture is dropped.
     """
@@ -97,18 +97,18 @@ def framebuffer(textures: Mapping[int, int], outputs: Sequence[int], *, depth: b
 
 
 def look_up_single_texels(kind: int, texture: int) -> None:
-    """Bind a texture and switch off its filters, which integer textures do not allow."""
+    """Bind a texture and disable filtering, which integer textures do not allow."""
     GL.glBindTexture(kind, texture)
     GL.glTexParameteri(kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
     GL.glTexParameteri(kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
 
 
 class Target:
-    """Framebuffer of W, H pixels and a depth format in the current context, reused by images.
+    """Framebuffer of W, H pixels with a depth format in the current context, reused by images.
 
-    With several coverage samples, color is their mean, and identities cannot be read, because a
-    pixel has several. A device may store more samples than requested: `samples` is the number
-    stored.
+    With several coverage samples, color is their mean, and identities cannot be read, because each
+    pixel has several. A device may store more samples than requested: `samples` is the stored
+    number.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
@@ -121,7 +121,7 @@ class Target:
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[depth]
         self._textures = {point: self._store(internal) for point, internal in formats.items()}
         self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
-        # Pictures of only triangle numbers have no color to clear and to write.
+        # Pictures with only triangle numbers have no color to clear and to write.
         self._numbers = framebuffer(self._textures, [IDENTITY])
         # Reflections read the identities, which therefore must not be attached; reflection.frag
         # needs no depth buffer.
@@ -149,7 +149,7 @@ class Target:
         return texture
 
     def begin(self, *, color: bool = True) -> None:
-        """Draw here from now on, on an empty image: number 0 and, with color, black."""
+        """Make this the current target, cleared to number 0 and, with color, to black."""
         forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture if color else self._numbers)
         GL.glViewport(0, 0, *self.size)
@@ -158,7 +158,7 @@ class Target:
             GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
 
     def begin_reflection(self) -> None:
-        """Draw from now on only color, over the picture."""
+        """Make only the color of this target the current target, without clearing it."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._reflection)
         GL.glViewport(0, 0, *self.size)
 
@@ -167,7 +167,7 @@ class Target:
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
 
     def bind_identity(self, unit: int) -> None:
-        """Make the identities a texture for a shader."""
+        """Bind the identities as a texture for a shader."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(self._kind, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 
@@ -182,7 +182,7 @@ class Target:
         return self._read(COLOR, GL.GL_RGB, GL.GL_FLOAT, 3, np.float32)
 
     def resolved_from(self, other: Target) -> Singles:
-        """Return the mean of another target's samples, taken by the driver."""
+        """Return the mean of another target's samples, computed by the driver."""
         width, height = self.size
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, other._reflection)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + COLOR)

@@ -1,9 +1,9 @@
 """Culling of clusters of triangles outside a hogel's frusta, before anything is drawn.
 
-Culling may cost time but must not change a pixel. A cluster is left out only if all vertices in its
-box lie outside the same clip plane, in the device's own float32 arithmetic: then OpenGL would have
-clipped all its triangles away. The others are drawn in the scene's order, so that ties of depth are
-decided as without culling.
+Culling must not change a pixel. A cluster is left out only if its whole box is outside one clip
+plane, including the rounding errors of the device's float32 arithmetic: OpenGL would clip all its
+triangles completely. The remaining clusters are drawn in the scene's order, so that ties of depth
+have the same winner as without culling.
 """
 
 from __future__ import annotations
@@ -21,29 +21,28 @@ from xfrustum.raster.device.mesh import ATTRIBUTES, NumberedMesh, attribute_of, 
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, read_only
 
-#: Consecutive triangles that are drawn or left out together. Smaller clusters leave out more
-#: triangles, and need more draws.
+#: Number of consecutive triangles in a cluster. Smaller clusters cull more triangles, but need more
+#: draws.
 TRIANGLES_PER_CLUSTER = 16
 
-#: Error bound of x, y, z, w of a vertex in clip coordinates, relative to sum |m_j| |p_j|.
-#:
-#: Four products and three sums in float32, in any order, fused or not, are off by at most 4 u (1 +
-#: 3 u) of that sum, u = 2^-24 (Higham, Accuracy and Stability of Numerical Algorithms, section
-#: 3.1). Twice that bound also covers this module's own roundings in double precision, which are
-#: 2^29 times smaller.
+#: Error bound of x, y, z, w of a vertex in clip coordinates, relative to sum |m_j| |p_j|. The error
+#: of four products and three sums in float32, in any order, fused or not, is at most 4 u (1 + 3 u)
+#: of this sum, with u = 2^-24 (Higham, Accuracy and Stability of Numerical Algorithms, section
+#: 3.1). Twice this bound also covers the double-precision roundings of this module, which are 2^29
+#: times smaller.
 TRANSFORM_ROUNDING = 8 * 2.0**-24
 
-#: Linear forms of (x, y, z, w) that are not negative inside the left, right, bottom and top clip
-#: plane, and inside the start and end of the range of depth
+#: Linear forms of (x, y, z, w) that are at least zero inside the left, right, bottom and top clip
+#: plane, and inside the two ends of the depth range
 _PLANES = np.array(
     [(1, 0, 0, 1), (-1, 0, 0, 1), (0, 1, 0, 1), (0, -1, 0, 1), (0, 0, 1, 0), (0, 0, -1, 1)],
     dtype=np.float64,
 )
 
-#: Clip planes that move from hogel to hogel, and those that are the same for all
+#: Clip planes that differ between hogels, and clip planes that all hogels share
 SIDES, DEPTHS = slice(0, 4), slice(4, 6)
 
-#: Term that OpenGL's own range of depth, which starts at -w instead of 0, adds to these forms
+#: Term added to these forms for OpenGL's default depth range, which starts at -w instead of 0
 _OPENGL_NEAR = np.array([[0.0], [0.0], [0.0], [0.0], [1.0], [0.0]]) * (0, 0, 0, 1)
 
 
@@ -65,7 +64,7 @@ class Boxes:
         return cls(columns=read_only(np.ascontiguousarray(columns)))
 
 
-#: least and largest u, then v, of a whole film
+#: smallest and largest u, then v, of a whole film
 WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])
 
 
@@ -74,33 +73,30 @@ def clip_planes(
 ) -> tuple[Floats, Floats]:
     """Return the clip planes of clip-from-scene matrices (.., 4, 4) and magnitudes for rounding.
 
-    `clip_control` is the range of clip depth that OpenGL keeps, `windows` (.., 4) the least and
-    largest u and v that the planes at the sides of each film keep. Both results are (.., 6, 4):
-    left, right, bottom, top, and the start and end of the range of depth. A vertex is kept where
-    plane . (x, y, z, 1) >= 0. Magnitudes have the absolute value of every term: rounding errors of
-    that product in float32 are at most `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y),
-    abs(z), 1).
+    `clip_control` is OpenGL's range of clip depth. `windows` (.., 4) are the smallest and largest u
+    and v inside the side planes of each film. Both results are (.., 6, 4): left, right, bottom,
+    top, and the two ends of the depth range. A vertex is inside if plane . (x, y, z, 1) >= 0.
+    Magnitudes have the absolute value of every term: the float32 rounding error of this product is
+    at most `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y), abs(z), 1).
     """
-    # A plane of clip coordinates becomes one of scene coordinates when multiplied by the matrix.
+    # Multiplying a plane in clip coordinates by the matrix gives the plane in scene coordinates.
     combined = _PLANES + (_OPENGL_NEAR if clip_control == GL.GL_NEGATIVE_ONE_TO_ONE else 0)
     combined = np.broadcast_to(combined, (*windows.shape[:-1], *combined.shape)).copy()
-    # Inside, u = x / w lies between the window's ends: x - least w and largest w - x are not
-    # negative.
+    # Inside, u = x / w is between the window's ends: x - smallest w >= 0 and largest w - x >= 0.
     combined[..., SIDES, 3] = windows * (-1.0, 1.0, -1.0, 1.0)
     exact = matrices.astype(np.float64)
     return combined @ exact, np.abs(combined) @ np.abs(exact)
 
 
 def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
-    """Return which of N boxes may have a vertex inside every plane (.., P, 4) on the device.
+    """Return a mask (.., N) of boxes that may have a vertex inside every plane (.., P, 4).
 
-    The mask (.., N) is False only where all of a box lies outside one of the planes, roundings
-    included.
+    It is False only if the whole box is outside one of the planes, including rounding errors.
     """
     # The bound is a sum of three terms, one for each group of rows in `Boxes.columns`:
     #  1. plane . (center, 1), the value at the middle of the box;
-    #  2. abs(plane) . half extent, by which it rises to the corner that lies farthest inside;
-    #  3. TRANSFORM_ROUNDING magnitude . (largest coordinates, 1), which rounding may add there.
+    #  2. abs(plane) . half extent, the increase to the corner that is farthest inside;
+    #  3. TRANSFORM_ROUNDING magnitude . (largest coordinates, 1), the largest rounding error there.
     rows = np.concatenate(
         [planes, np.abs(planes[..., :3]), TRANSFORM_ROUNDING * magnitudes], axis=-1
     )
@@ -110,7 +106,7 @@ def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
 def triangles_in_depth(
     vertices: Singles, faces: Indices, planes: Floats, magnitudes: Floats
 ) -> Indices:
-    """Return the triangles between a camera's near and far plane, ascending, for all apertures."""
+    """Return the numbers of triangles between a camera's near and far plane, ascending."""
     numbers = [np.zeros(0, dtype=np.int64)]
     for start in range(0, len(faces), TRIANGLES_AT_ONCE):
         boxes = boxes_of(vertices, faces[start : start + TRIANGLES_AT_ONCE], 1)
@@ -131,10 +127,10 @@ def boxes_of(vertices: Singles, faces: Indices, size: int) -> Boxes:
 
 
 def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
-    """Return row, first and end column of every run in a mask of visible clusters (L, N).
+    """Return row, first column and end column of every run in a mask of visible clusters (L, N).
 
-    A single hidden cluster between two visible ones joins them: drawing it costs less than a second
-    draw.
+    A single hidden cluster between two visible clusters is drawn too, because it costs less than
+    another draw.
     """
     # Pad with a hidden column on either side, so that every run begins and ends inside the array.
     padded = np.pad(visible, ((0, 0), (1, 1)))
@@ -147,14 +143,14 @@ def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
     return row, first, end
 
 
-#: moderngl's format of each vertex attribute of hogel.vert, but for the number of the hogel
+#: moderngl format of each vertex attribute of hogel.vert, except the number of the hogel
 FORMATS = {
     **{name: f"{count}f" for name, count in ATTRIBUTES.items()},
     "in_flat_normal": "3f",
     "in_flat_surface": "2u4",
 }
 
-#: Layout of an indirect draw as OpenGL reads it; the base instance is the number of its hogel
+#: Layout of an indirect draw in OpenGL; the base instance is the number of the hogel
 DRAW_COMMAND = np.dtype(
     [("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base_vertex", "i4"), ("hogel", "u4")]
 )
@@ -162,7 +158,7 @@ DRAW_COMMAND = np.dtype(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PassGeometry:
-    """The triangles that one camera can see from anywhere on the plate."""
+    """Triangles that may be visible to one camera from any aperture of the plate."""
 
     #: first, count: Place of the triangles' first index in the index buffer, and the number of
     #: triangles
@@ -175,9 +171,9 @@ class PlateGeometry:
     """Vertices, indices and normals on the GPU, and the triangles that each camera draws.
 
     `passes` are the cameras of any aperture; only properties shared by all apertures are used.
-    `of_triangles` has the materials (F, 2), see `drawing.surfaces`, and whether each reflects (F,).
-    `surfaces` and `reflections` are the triangles that each camera draws, and the reflective ones
-    among them.
+    `of_triangles` has the materials (F, 2), see `drawing.surfaces`, and a mask of reflective
+    triangles (F,). `surfaces` are the triangles that each camera draws, and `reflections` the
+    reflective triangles among them.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """Plates drawn by directions: one picture of a tile of the plate for each pixel of its hogels.
 
-A picture has a pixel for each hogel, so a plate of more hogels than pixels takes fewer passes than
-hogel by hogel, none of them with a near offset or a second camera (`cameras.directions`).
+A picture has a pixel for each hogel. A plate with more hogels than pixels per hogel therefore needs
+fewer passes than by hogels, and no near offset or second camera (`cameras.directions`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,10 +42,11 @@ Pixel = tuple[int, int]  #: column and row of a pixel of every hogel
 class DirectionRenderer(ContextOwner):
     """Scene on the GPU, uploaded once, drawn for pixels of all hogels of a tile.
 
-    A context manager; `content` has the images that are read back, and the simulated effects.
-    Depth is linear in z between the ends of the reach, or 1 / w from a point of the screen. Raises
-    InputError if colors are means over several samples, if the effects leave out one side of the
-    plate, if surfaces reach the screen of a recentered frustum, or if the device cannot draw it.
+    It is a context manager. `content` selects the images that are read back, and the simulated
+    effects. Depth is linear in z between the ends of the reach for parallel lines, and linear in
+    1 / w for lines through a point of the screen. Raises InputError if colors are means over
+    several samples, if the effects leave out one side of the plate, if surfaces reach the screen of
+    a recentered frustum, or if the device cannot draw the scene.
     """
 
     def __init__(

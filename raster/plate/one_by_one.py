@@ -1,4 +1,4 @@
-"""Hogels drawn one by one: with any sampling, averaged over sub-apertures, as a plain loop."""
+"""Hogels drawn one by one: with any sampling, as means over sub-apertures, or in a plain loop."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -44,9 +44,9 @@ def averaged(
 ) -> Iterator[PlateHogel]:
     """Yield hogels whose color is the mean of images drawn at several points of their area.
 
-    The other channels come from one more image, drawn through the aperture itself. `points` returns
-    the points of an aperture's area, `draw` yields the image of each point, in order, with colors
-    in float32.
+    The other channels are from one more image, drawn from the aperture's center. `points` returns
+    points of an aperture's area. `draw` yields the image of each point, in order, with colors in
+    float32.
     """
     waiting: deque[tuple[Aperture, int]] = deque()
     surfaces = content.channels != (Channel.COLOR,)
@@ -70,7 +70,7 @@ def averaged(
 
 
 def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
-    """Return linear RGB in the type in which it is stored, as the device rounds it."""
+    """Return linear RGB in the stored type, with the device's rounding."""
     if kind is ColorType.UINT8:
         return np.asarray(np.rint(np.clip(color, 0.0, 1.0) * np.float32(255)), dtype=np.uint8)
     with np.errstate(over="ignore"):
@@ -133,8 +133,7 @@ class PlainLoop(ContextOwner):
     """Plain loop over hogels, the baseline of drawing many at once.
 
     Every camera draws the whole scene, without reflections; then pixels are read. With `numbered`,
-    triangles take their numbers from vertices, as in `PlateRenderer`, which is as fast as a loop
-    without numbers.
+    triangle numbers are vertex numbers, as in `PlateRenderer`, which takes no extra time.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""Pictures of several hogels: the picture and, over it, the reflections of every camera.
+"""Pictures of several hogels per submission: surfaces, then the reflections of every camera.
 
-The programs are made of the same shaders as those that draw one hogel. A submission draws several
+The programs use the same shaders as the drawing of a single hogel. A submission draws several
 hogels, and owns its target and buffers until it is read back.
 """
 
@@ -45,13 +45,11 @@ HOGELS_BINDING = 0
 #: Layout of one hogel in hogels.glsl: two matrices by columns, each column of four numbers
 HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3, 4))])
 
-#: Largest size of one submission's attachments, so that a software renderer finds them in its
-#: caches
+#: Largest size of one submission's attachments, so that they fit the caches of a software renderer
 SUBMISSION_BYTES = 1 << 20
 #: largest size of the attachments of one round of submissions, which bounds the memory
 ROUND_BYTES = 1 << 25
-#: Largest number of hogels in a submission, and of submissions in a round; more do not save more
-#: time
+#: Largest number of hogels in a submission, and of submissions in a round; more are not faster
 MAX_HOGELS = 4
 #: number of rounds: one is drawn while the previous round is read back
 ROUNDS = 2
@@ -59,22 +57,22 @@ ROUNDS = 2
 PICTURE, REFLECTION = (
     0,
     1,
-)  #: places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`
+)  #: indices of the two drawings in `PlatePicture.drawings` and in `Slot.commands`
 
 
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:
-    """Return whether one draw may reach many layers, which no version of OpenGL requires."""
+    """Return whether vertex shaders can select layers; no OpenGL version requires this."""
     return "GL_ARB_shader_viewport_layer_array" in context.extensions
 
 
 def many_defines(context: moderngl.Context, hogels: int) -> dict[str, str]:
-    """Return the names of shaders that draw up to `hogels` hogels in a submission."""
+    """Return the definitions of shaders that draw up to `hogels` hogels in a submission."""
     layers = {"WITH_LAYERS": "1"} if lets_vertices_choose_layers(context) else {}
     return {"MANY": str(hogels), **layers}
 
 
 def hogel_block(cameras: Sequence[Pass]) -> NDArray[np.void]:
-    """Return the matrices of one camera for some hogels, in the layout of hogels.glsl."""
+    """Return the matrices of one camera for several hogels, in the layout of hogels.glsl."""
     clip = np.stack([camera.clip_from_scene for camera in cameras])
     block = np.zeros(len(cameras), dtype=HOGEL)
     block["clip_from_scene"] = clip.swapaxes(1, 2)
@@ -109,10 +107,11 @@ class Batching:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slot:
-    """The target and buffers that one submission owns until it has been read.
+    """Target and buffers that one submission owns until it has been read.
 
-    The target has a layer for each hogel; `hogels` are buffers with the matrices of the hogels, one
-    for each camera (`hogel_block`), `commands` buffers with the draws, by drawing and camera.
+    The target has a layer for each hogel. `hogels` are buffers with the matrices of the hogels, one
+    buffer for each camera (`hogel_block`). `commands` are buffers with the draws, by drawing and
+    camera.
     """
 
     target: LayeredTarget
@@ -165,7 +164,7 @@ class Rounds:
         draw: Callable[[Slot, list[Item]], object],
         finish: Callable[[Slot, list[Item]], Iterable[Drawn]],
     ) -> Iterator[Drawn]:
-        """Draw items, a layer each, and yield what `finish` reads back, in the same order.
+        """Draw items, each into a layer, and yield the results of `finish` in the same order.
 
         The context is current while `draw` runs.
         """
@@ -173,15 +172,15 @@ class Rounds:
         submissions = groups(items, self._batching.hogels)
         for number, submitted in enumerate(groups(submissions, self._batching.submissions)):
             drawn = list(zip(self.slots[number % ROUNDS], submitted, strict=False))
-            # OpenGL draws in the current context, and the caller may have others.
+            # OpenGL draws in the current context, and the caller may have made another one current.
             with self._context:
                 for slot, group in drawn:
                     draw(slot, group)
-                    # The device fills these pixels while the next submission's vertices are
+                    # Flush, so that the device fills these pixels while the next submission is
                     # transformed.
                     GL.glFlush()
-                # A driver that draws in software finishes everything before it lets anything be
-                # read.
+                # Read after all draws, because a software driver finishes all pending draws before
+                # a read.
                 for slot, _ in drawn:
                     slot.target.start_reading()
             for slot, group in waiting:
@@ -199,7 +198,7 @@ class Rounds:
 def read_heights(
     slot: Slot, layer: int, positions: Positions | None, passes: Sequence[Pass]
 ) -> Singles:
-    """Return the heights (H, W) of one layer, NaN for none; the context must be current."""
+    """Return the heights (H, W) of one layer, NaN without a surface; needs a current context."""
     width, height = slot.target.size
     if positions is None or not passes:
         return np.full((height, width), np.nan, dtype=np.float32)
@@ -218,7 +217,7 @@ class PictureStyle:
     mapping: Mapping
     effects: frozenset[Effect]
     hogels: int
-    #: False for triangle numbers alone
+    #: False for pictures with only triangle numbers
     colored: bool = True
 
 
@@ -240,8 +239,8 @@ class PlateDrawing:
             for name, form in FORMATS.items()
             if name in program
         ]
-        # This attribute advances per instance; the first instance of every draw is the number of
-        # its hogel.
+        # This attribute advances per instance; the base instance of every draw is the number of its
+        # hogel.
         numbers = np.arange(hogels, dtype=np.uint32)
         content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
         self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
@@ -260,11 +259,10 @@ class PlateDrawing:
 
 
 class PlatePicture:
-    """A scene with triangles on the GPU, its materials and lights, and the programs that draw it.
+    """Triangles, materials and lights of a scene on the GPU, and the programs that draw it.
 
-    The context must be current whenever something is drawn. `passes` are the cameras of any
-    aperture. Raises InputError if textures or the environment map are larger than the device
-    allows.
+    The context must be current during drawing. `passes` are the cameras of any aperture. Raises
+    InputError if textures or the environment map are larger than the device allows.
     """
 
     def __init__(
@@ -300,16 +298,16 @@ class PlatePicture:
             self.drawings.append(drawing("reflection.frag", defines, geometry.reflections))
 
     def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:
-        """Clear a slot's target and draw into it from now on; see `LayeredTarget.begin`."""
+        """Clear a slot's target and make it current; see `LayeredTarget.begin`."""
         slot.target.begin(box)
-        # Set this after `begin`, which switches all states off, RASTERIZER_DISCARD included.
+        # Set this after `begin`, which disables all states, including RASTERIZER_DISCARD.
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
 
     def upload(
         self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM
     ) -> list[int]:
-        """Upload the draws of a camera for hogels; return their number by drawing."""
+        """Upload the draws of a camera for hogels; return the number of draws of each drawing."""
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
@@ -332,7 +330,7 @@ class PlatePicture:
     def reflect(
         self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int
     ) -> None:
-        """Add the reflections of every camera wherever its picture has stayed visible."""
+        """Add the reflections of every camera at pixels where its picture is visible."""
         if self.environment is None:
             return
         self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)
@@ -351,7 +349,7 @@ class PlatePicture:
 
 
 def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> Mask:
-    """Return the mask (F,) of triangles that are drawn once more for their reflections."""
+    """Return the mask (F,) of triangles that are drawn again for their reflections."""
     mask = np.zeros(len(scene.faces), dtype=np.bool_)
     if Effect.REFLECTION in effects:
         for first, count in reflecting(scene):

@@ -1,6 +1,6 @@
 """Many hogels per submission: the paper's double frustum for a whole plate, as a stream.
 
-docs/adr/0006 has the reasons. Images equal those by `Rasterizer`, bit for bit.
+The reasons are in docs/adr/0006. Images are equal to the images of `Rasterizer`, bit for bit.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -59,11 +59,11 @@ FilmParts = Mapping[tuple[int, int], FilmPart]
 class FilmWindows:
     """Drawn windows of the films of one submission."""
 
-    #: (L, 4) least and largest u and v of each part, with its pixels' borders; see
+    #: (L, 4) smallest and largest u and v of each part, to its pixels' borders; see
     #: `clusters.clip_planes`
     windows: Floats
-    #: Box about all parts: first column, first row from the bottom, width and height in pixels;
-    #: None for whole films
+    #: Box that contains all parts: first column, first row from the bottom, width and height in
+    #: pixels; None for whole films
     box: tuple[int, int, int, int] | None
 
     @classmethod
@@ -100,9 +100,9 @@ WHOLE = FilmWindows(windows=WHOLE_FILM, box=None)
 class PlateRenderer(ContextOwner):
     """Scene on the GPU, uploaded once, drawn from many apertures with the same settings.
 
-    A context manager; `content` has the images that are read back, and the simulated effects.
-    Raises InputError if the settings do not fit the frustum, the scene has more than one sample a
-    pixel in addition to sub-apertures, or the device cannot draw it.
+    It is a context manager. `content` selects the images that are read back, and the simulated
+    effects. Raises InputError if the settings do not fit the frustum, if the scene has more than
+    one sample per pixel (not counting sub-apertures), or if the device cannot draw the scene.
     """
 
     def __init__(
@@ -173,10 +173,11 @@ class PlateRenderer(ContextOwner):
     ) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order, in bounded memory.
 
-        While one round of submissions is drawn, the round before it is read back. Where the scene
-        has sub-apertures, each is drawn as a hogel of its own, and color is their mean. `parts` are
-        the requested parts of the films, by column and row of the hogel: their pixels equal the
-        pixels of whole films, bit for bit, and take less time; pixels outside have no meaning.
+        While one round of submissions is drawn, the previous round is read back. If the scene has
+        sub-apertures, each is drawn as a separate hogel, and color is the mean. `parts` are the
+        requested parts of the films, by column and row of the hogel. They take less time, and their
+        pixels are equal to the pixels of whole films, bit for bit; pixels outside the parts are
+        undefined.
         """
         plate, count = self.scene.plate, self.scene.sampling.aperture
         if count == 1:
@@ -199,9 +200,9 @@ class PlateRenderer(ContextOwner):
         return self._rounds.stream(apertures, draw, self._finish)
 
     def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
-        """Draw as `hogels` does and read nothing back, to measure what reading costs.
+        """Draw as `hogels` does, without reading back, to measure the time of reading.
 
-        Without `rasterize` OpenGL discards triangles before they become pixels, and clears no
+        Without `rasterize`, OpenGL discards triangles before rasterization, and does not clear
         depth.
         """
         enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
@@ -213,7 +214,7 @@ class PlateRenderer(ContextOwner):
             GL.glFinish()
 
     def drawn_triangles(self, apertures: Iterable[Aperture]) -> int:
-        """Count the triangles submitted for some apertures: all others lie outside the frusta."""
+        """Count the triangles submitted for some apertures, after culling outside the frusta."""
         total = 0
         drawings = [] if self._picture is None else self._picture.drawings
         for aperture in apertures:
@@ -239,7 +240,8 @@ class PlateRenderer(ContextOwner):
             return
         picture.begin(slot, enabled, request.box)
         draws = []
-        # Draw one camera for all hogels, then the next camera: shared state is set once per camera.
+        # Draw one camera for all hogels, then the next camera, so that shared state is set once per
+        # camera.
         cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
         for number, hogels in enumerate(cameras):
             draws.append(picture.upload(slot, number, hogels, request.windows))

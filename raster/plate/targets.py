@@ -36,21 +36,20 @@ _DEPTH_BYTES: dict[DepthFormat, int] = {DepthFormat.D16: 2, DepthFormat.D24: 4, 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetFormat:
-    """Buffers of a hogel's pixels during drawing."""
+    """Formats of the buffers into which a hogel is drawn."""
 
     depth: DepthFormat  #: Format of the depth buffer
     content: PlateContent  #: The images that are read back
-    #: Whether a later pass looks up the triangle numbers that were drawn; reading them back implies
-    #: it
+    #: Whether a later pass looks up the drawn triangle numbers
     identified: bool = False
-    #: False for triangle numbers alone, which are drawn without color
+    #: False for pictures with only triangle numbers, without color
     colored: bool = True
 
     @property
     def attachments(self) -> dict[int, int]:
         """Internal format of each color attachment; numbered as in `Target`."""
         color = {COLOR: _COLOR_FORMAT[self.content.color]} if self.colored else {}
-        # Passes that look identities up compare the camera's number too.
+        # Passes that look up identities also compare the camera's number.
         numbers = GL.GL_RG32UI if self.identified else GL.GL_R32UI
         return {**color, IDENTITY: numbers} if self.identified or self.content.ids else color
 
@@ -64,10 +63,10 @@ class TargetFormat:
 
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """The identities of one layer of a target, as a picture of its own."""
+    """Identities of one layer of a target, as a separate picture."""
 
     size: tuple[int, int]  #: W, H in pixels
-    view: int  #: OpenGL's number of the texture that shows this layer alone
+    view: int  #: OpenGL name of a texture view of this layer
 
     def bind_identity(self, unit: int) -> None:
         """Make the identities a texture for a shader."""
@@ -76,10 +75,10 @@ class Layer:
 
 
 class LayeredTarget:
-    """Framebuffer of W, H pixels with a layer for each hogel of a submission, read by buffers.
+    """Framebuffer of W, H pixels with a layer for each hogel of a submission, read through buffers.
 
-    moderngl cannot wrap a framebuffer with layers; this class owns everything, in the current
-    context.
+    moderngl cannot wrap a layered framebuffer, so that this class owns all OpenGL objects, in the
+    current context.
     """
 
     def __init__(self, size: tuple[int, int], layers: int, form: TargetFormat) -> None:
@@ -93,8 +92,8 @@ class LayeredTarget:
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
         outputs = [IDENTITY, COLOR] if form.colored else [IDENTITY]
         self._picture = framebuffer(self._textures, outputs)
-        # Shaders that draw into this framebuffer read the identities, which must not be attached to
-        # it.
+        # Shaders that draw into this framebuffer read the identities, which therefore must not be
+        # attached.
         self._radiance = (
             framebuffer(self._textures, [COLOR], depth=False) if form.colored else self._picture
         )
@@ -116,7 +115,7 @@ class LayeredTarget:
         return texture
 
     def _pack(self, size: int) -> int:
-        """Return a buffer of some bytes."""
+        """Return a new pixel pack buffer of `size` bytes."""
         pack = int(GL.glGenBuffers(1))
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, pack)
         GL.glBufferData(GL.GL_PIXEL_PACK_BUFFER, size, None, GL.GL_STREAM_READ)
@@ -124,16 +123,16 @@ class LayeredTarget:
         return pack
 
     def begin(self, box: tuple[int, int, int, int] | None = None) -> None:
-        """Draw here from now on, on empty layers: number 0, black.
+        """Make this the current target, with all layers cleared to number 0 and black.
 
         `box` is the part of the films that is drawn and read: first column, first row from the
-        bottom, width and height; None for whole films. Pixels outside are read as black.
+        bottom, width and height; None for whole films. Pixels outside the box are read as black.
         """
         forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)
         self._box = (0, 0, *self.size) if box is None or not bool(GL.glGetTextureSubImage) else box
-        # The scissor limits clears and triangles without moving them.
+        # The scissor test limits clears and triangles to the box without moving the viewport.
         GL.glEnable(GL.GL_SCISSOR_TEST)
         GL.glScissor(*self._box)
         if self._colored:
@@ -142,7 +141,7 @@ class LayeredTarget:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
 
     def begin_reflection(self) -> None:
-        """Draw from now on only color, over the pictures."""
+        """Make only the color of this target the current target, without clearing it."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
 
     def bind_identity(self, unit: int) -> None:
@@ -151,7 +150,7 @@ class LayeredTarget:
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 
     def layer(self, number: int) -> Layer:
-        """Return the identities of one layer, which stay until the layer is drawn on again."""
+        """Return the identities of one layer, valid until the next drawing into the layer."""
         while len(self._views) <= number:
             view = int(GL.glGenTextures(1))
             whole = self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY]
@@ -161,11 +160,11 @@ class LayeredTarget:
         return Layer(size=self.size, view=self._views[number])
 
     def clear_depth(self, value: float) -> None:
-        """Set every depth of every layer."""
+        """Set the depth of every pixel in every layer."""
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
 
     def start_reading(self) -> None:
-        """Request all pixels; a device that works in parallel returns at once."""
+        """Start the transfer of all pixels; asynchronous devices return at once."""
         if self._colored:
             self._start(COLOR, GL.GL_RGBA, _COLOR_READ[self._content.color])
         if self._content.ids:
@@ -176,7 +175,7 @@ class LayeredTarget:
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         texture = self._textures[GL.GL_COLOR_ATTACHMENT0 + attachment]
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
-        # Not an address but an offset into the pack buffer.
+        # With a pack buffer bound, this is an offset into the buffer, not an address.
         nowhere = ctypes.c_void_p(0)
         column, row, width, height = self._box
         if (width, height) == self.size:
@@ -192,7 +191,7 @@ class LayeredTarget:
         return self._finish(COLOR, 4, self._content.color.dtype)[..., :3]
 
     def finish_triangle(self) -> Numbers | None:
-        """Return triangle numbers, (layers, H, W), -1 for none; None without that channel."""
+        """Return triangle numbers, (layers, H, W), -1 for no surface; None without this channel."""
         if not self._content.ids:
             return None
         numbers: Numbers = self._finish(IDENTITY, 1, np.dtype(np.uint32))[..., 0].view(np.int32)
@@ -202,7 +201,7 @@ class LayeredTarget:
     def _finish(self, attachment: int, channels: int, kind: np.dtype[Any]) -> NDArray[Any]:
         column, row, width, height = self._box
         shape = (self.layers, height, width, channels)
-        # Read as bytes, because PyOpenGL converts every other type.
+        # Read bytes, because PyOpenGL converts all other types.
         into = np.empty(math.prod(shape) * kind.itemsize, dtype=np.uint8)
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, self._packs[attachment])
         GL.glGetBufferSubData(GL.GL_PIXEL_PACK_BUFFER, 0, into.nbytes, into)

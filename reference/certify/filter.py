@@ -327,7 +327,7 @@ class Filter:
         return lanes
 
     def _met(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
-        """Return s, its error, whether the line surely meets the triangle, and whether it may."""
+        """Return s, its error, and masks of lines that certainly and possibly meet triangles."""
         dx = dr.gather(Float64, self._lines.across, column)
         s, error = self._lines.met(lanes.planes, column)
         possible, sure = in_range(s, error, lanes.within, self._lines.ends)
