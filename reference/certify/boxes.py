@@ -94,9 +94,8 @@ def bounding_boxes(
 ) -> list[Boxes]:
     """Return the boxes of all triangles that the film of a ray bundle may show.
 
-    This is called while `recording`; `exact` are the pencil's lines in integers, or the distance of
-    lines from a pencil that they are close to. A margin, in pixels, makes boxes wider than rounding
-    requires.
+    Call this while `recording`. `exact` are the pencil's lines in integers, or a description of
+    lines close to the pencil. `margin` makes boxes wider than rounding requires, in pixels.
     """
     all_boxes: list[Boxes] = []
     seen_from = Viewpoint.from_bundle(bundle)
