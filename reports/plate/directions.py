@@ -234,11 +234,10 @@ def write_directions(
                     missing.append(block)
                     broken[block.tile] = broken.get(block.tile, False) | damaged
         missing.sort(key=lambda block: block.number)
-        with progress_bar(
-            sum(map(job.size, blocks)), job.name, job.unit, shown=options.progress
-        ) as bar:
+        views, passes = (sum(map(job.size, some)) for some in (blocks, missing))
+        with progress_bar(views, job.name, job.unit, shown=options.progress) as bar:
             if workers.count == 1 and not workers.elsewhere:
-                bar.update(sum(map(job.size, blocks)) - sum(map(job.size, missing)))
+                bar.update(views - passes)
                 workers.ask(job, PlateSession.draw, iter(missing), bar.update)
             else:
                 workers.make(job, blocks, bar)
@@ -257,7 +256,8 @@ def write_directions(
         present=present,
         damaged=damaged_hogels,
         notes=damage_notes(out, damaged_hogels),
-        passes=sum(map(job.size, missing)),
+        passes=passes,
+        kept=views - passes,
         tiles=len(begun_tiles),
     )
 

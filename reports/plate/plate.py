@@ -286,6 +286,8 @@ class PlateFiles:
     notes: tuple[str, ...]
     #: number of images: drawn hogels, or views of a tile by direction
     passes: int
+    #: number of images that were already stored
+    kept: int
     #: number of rectangles of hogels whose images were drawn together
     tiles: int
 
@@ -427,6 +429,7 @@ def write_plate(
         damaged=broken,
         notes=damage_notes(out, broken),
         passes=drawn,
+        kept=total - drawn,
         tiles=tiles,
     )
 

@@ -127,7 +127,7 @@ def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
             drawn(out)
     assert not PlateReader(out).finished(small().plate.aperture(6, 3))
     files = drawn(out, memory=10 * LITTLE, block=None)
-    assert 0 < files.passes <= VIEWS and drawn(out).passes == 0
+    assert 0 < files.passes == VIEWS - files.kept and drawn(out).passes == 0
     assert tree(out) == tree(clean)
 
 
@@ -140,6 +140,7 @@ def test_hogels_are_finished_when_the_last_part_is_there(clean: Path, tmp_path: 
         # Half of the pixels of all hogels is no finished hogel.
         again = drawn(out, engine=Engine(part=Part(number=number, count=2)))
         assert (again.drawn, again.present, again.passes) == (0, 28 * finished, 0)
+        assert (files.kept, again.kept) == (0, files.passes)
     assert tree(out) == tree(clean)
 
 
@@ -298,6 +299,8 @@ def test_the_command_states_its_way(tmp_path: Path, capsys: pytest.CaptureFixtur
     printed = json.loads(captured.out)
     assert (printed["by"], printed["passes"], printed["tiles"]) == ("directions", 24, 1)
     assert printed["wall_s"] > 0 and "by directions, for 24 views" in captured.err
+    assert main(["plate", str(scene), "--ids", "--truth", "--quiet", "--out", str(out)]) == 0
+    assert capsys.readouterr().out.startswith("0 views drawn, 24 kept from an earlier run\n")
     shutil.rmtree(out)
     assert main([*line, "--near", "0.1"]) == 0
     printed = json.loads(capsys.readouterr().out)

@@ -195,8 +195,8 @@ def plate(request: _Plate) -> None:
         "wall_s": time.monotonic() - started,
         "layout": None,
     }
-    views = f" by {files.passes:,} views" if by is By.DIRECTIONS else ""
-    lines = [f"{files.drawn} hogels drawn{views}, {files.present} found"]
+    unit = "views" if by is By.DIRECTIONS else "hogels"
+    lines = [f"{files.passes:,} {unit} drawn, {files.kept:,} kept from an earlier run"]
     lines += [str(files.out)] if summary["out"] else []
     if written is not None:
         tell_losses(written)
