@@ -28,7 +28,7 @@ class ShadowedShader:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._shader = Shader(scene)
-        self._mesh = ExactMesh(scene.triangles)
+        self._mesh = ExactMesh(scene.vertices, scene.faces)
 
     def picture(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
         """Return linear RGB of points; see `Shader.picture`."""

@@ -290,7 +290,7 @@ def first_from_center(triangles: Floats, directions: Floats) -> FirstHits:
     """Return the first surfaces along rays (N, 3) from the origin, for t from 0 to 2."""
     # Rays meet the unit sphere at about t = 1.
     ends = np.tile([0.0, 2.0], (len(directions), 1))
-    return ExactMesh(triangles).first(
+    return ExactMesh.from_triangles(triangles).first(
         RayBatch(origins=np.zeros_like(directions), directions=directions, ends=ends)
     )
 

@@ -76,7 +76,7 @@ class Occlusion:
 
     @cached_property
     def _mesh(self) -> ExactMesh:
-        return ExactMesh(self._triangles.corners)
+        return ExactMesh.from_triangles(self._triangles.corners)
 
     def hidden(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
         """Return a mask (N,) of points behind another surface on their own line from the center."""

@@ -226,7 +226,7 @@ class EyeReference:
 
     @cached_property
     def _mesh(self) -> ExactMesh:
-        return ExactMesh(self.scene.triangles)
+        return ExactMesh(self.scene.vertices, self.scene.faces)
 
     @cached_property
     def _occlusion(self) -> Occlusion:

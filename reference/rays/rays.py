@@ -6,6 +6,7 @@ lie before the limit, the filter (`filter`) keeps the triangles that may be firs
 (`integers`) decide rays with several of them, or with one in doubt.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
@@ -25,7 +26,6 @@ from xfrustum.reference.backend import (
     interleaved,
     on_device,
     recording,
-    vectors_on_device,
 )
 from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Triangles
 from xfrustum.reference.rays.filter import meetings
@@ -45,6 +45,9 @@ PAIRS_AT_ONCE = 1 << 15
 #: Smallest size of a mesh relative to its distance from the coordinates' origin: doubles have no
 #: finer steps than 2^-53 there. A smaller mesh, or a single point, is scaled by its distance.
 MIN_RELATIVE_SIZE = 2.0**-40
+
+#: Largest exponent e for which 2^e and 2^-e are normal doubles, with a margin
+MAX_SINGLE_EXPONENT = 1000
 
 #: largest double
 LARGEST = float(np.finfo(np.float64).max)
@@ -149,30 +152,44 @@ class ExactMesh:
 
     Parameters
     ----------
-    triangles
-        (F, 3, 3) corners of at least one triangle, finite.
+    vertices
+        (V, 3) positions, finite where a triangle has them.
+    faces
+        (F, 3) vertex numbers of at least one triangle.
     """
 
-    def __init__(self, triangles: Floats) -> None:
-        self.triangles = triangles
-        low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    def __init__(self, vertices: Floats, faces: Indices) -> None:
+        self.triangles = vertices.take(faces, axis=0)
+        used = np.zeros(len(vertices), dtype=np.bool_)
+        used[faces] = True
+        # A vertex without triangles may lie anywhere.
+        vertices = np.where(used[:, None], vertices, vertices[faces[0, 0]])
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
         # Halves first: the sum of two doubles may overflow.
         middle = low / 2 + high / 2
         size = float(np.maximum(high - middle, middle - low).max())
-        size = max(size, MIN_RELATIVE_SIZE * float(np.abs(triangles).max()))
+        size = max(size, MIN_RELATIVE_SIZE * float(np.abs(vertices).max()))
         #: power of two by which lengths are multiplied, so that the size is at most 1
         self._scale = -int(np.frexp(size)[1])
-        scaled, middle = _shifted(triangles, self._scale), _shifted(middle, self._scale)
-        self._centered = scaled - middle
-        self._boxes = Boxes(build_tree(self._centered))
-        self._corners = Triangles(scaled)
+        scaled, middle = _shifted(vertices, self._scale), _shifted(middle, self._scale)
+        centered = scaled - middle
+        self._boxes = Boxes(build_tree(centered.take(faces, axis=0)))
+        self._corners = Triangles(scaled.take(faces, axis=0))
+        self._centered, self._faces = centered, faces
+        #: rays until Embree pays: a triangle takes about as long to build as a ray saves by it
+        self._rays_until_embree = len(faces)
         with recording():
             self._middle = constants(middle.tolist())
 
+    @classmethod
+    def from_triangles(cls, triangles: Floats) -> "ExactMesh":
+        """Return the mesh of triangles (F, 3, 3) that share no vertices."""
+        return cls(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+
     @cached_property
     def _embree(self) -> EmbreeMesh:
-        corners = self._centered.reshape(-1, 3)
-        return EmbreeMesh(corners, np.arange(len(corners)).reshape(-1, 3))
+        # Shared vertices: the binding copies number by number, which takes most of the time.
+        return EmbreeMesh(self._centered, self._faces)
 
     def first(self, rays: RayBatch) -> FirstHits:
         """Return the first surfaces along rays."""
@@ -271,12 +288,9 @@ class ExactMesh:
 
     def _on_device(self, batch: RayBatch) -> Rays:
         """Return rays in the mesh's units; t of a ray is multiplied by 2^`_exponents`."""
-        columns = (
-            _shifted(batch.origins, self._scale),
-            _shifted(batch.directions, -batch.exponents[:, None]),
-            _shifted(batch.ends, (batch.exponents + self._scale)[:, None]),
-        )
-        origin, direction, both_ends = (vectors_on_device(values) for values in columns)
+        origin = _columns(batch.origins, self._scale)
+        direction = _columns(batch.directions, -batch.exponents)
+        both_ends = _columns(batch.ends, batch.exponents + self._scale)
         return Rays.from_origins(origin, direction, both_ends, self._middle)
 
     def _examined(self, rays: Rays, ray: Any, triangle: Any) -> tuple[Any, Any, Any, Any]:
@@ -323,6 +337,12 @@ class ExactMesh:
 
     def _proposed_limit(self, rays: Rays) -> Any:
         """Return the last t at which the first surface of each ray may lie, as Embree suggests."""
+        last = rays.ends[1]
+        self._rays_until_embree -= dr.width(rays.restart)
+        if self._rays_until_embree >= 0:
+            limit = +last
+            dr.make_opaque(limit)
+            return limit
         origin, direction, length = rays.proposed()
         dr.eval(origin, direction, length)
         shape = (dr.width(length), 3)
@@ -332,7 +352,6 @@ class ExactMesh:
         proposed = on_device(hits)
         points = self._corners.points(UInt32(dr.maximum(proposed, 0)))
         t, error, sure, _ = meetings(points, rays.origin, rays.direction, rays.ends)
-        last = rays.ends[1]
         limit = dr.select(sure & (proposed >= 0), dr.minimum(t + error, last), last)
         dr.make_opaque(limit)
         return limit
@@ -416,13 +435,28 @@ def _batches(count: int) -> Iterator[slice]:
         yield slice(start, start + RAYS_AT_ONCE)
 
 
+def _powers(exponents: Indices | int) -> list[Floats]:
+    """Return 2^exponents as factors, two where one may exceed the range of doubles."""
+    # Beyond 2^2000 nothing changes.
+    exponents = np.clip(exponents, -2000, 2000)
+    if np.abs(exponents).max(initial=0) <= MAX_SINGLE_EXPONENT:
+        return [np.ldexp(1.0, exponents)]
+    half = exponents // 2
+    return [np.ldexp(1.0, half), np.ldexp(1.0, exponents - half)]
+
+
 def _shifted(values: Floats, exponents: Indices | int) -> Floats:
     """Return values times 2^exponents, infinite or zero beyond the range of doubles."""
-    # Two factors, because one may exceed doubles; beyond 2^2000 nothing else changes.
-    exponents = np.clip(exponents, -2000, 2000)
-    half = exponents // 2
     with np.errstate(over="ignore", under="ignore"):
-        return np.asarray(values * np.ldexp(1.0, half) * np.ldexp(1.0, exponents - half))
+        return np.asarray(math.prod(_powers(exponents), start=values))
+
+
+def _columns(rows: Floats, exponents: Indices | int) -> list[Any]:
+    """Return the coordinates of vectors (N, C) times 2^exponents on the device."""
+    # Column by column: a product of (N, C) and (N, 1) takes five times as long.
+    powers = _powers(exponents)
+    with np.errstate(over="ignore", under="ignore"):
+        return [on_device(math.prod(powers, start=column)) for column in rows.T]
 
 
 def _compressed(mask: Any, *columns: Any) -> tuple[Any, ...]:

@@ -140,6 +140,6 @@ def _merging(boxes: Singles) -> tuple[Indices, Indices]:
 
 def _joint_area(a: Singles, b: Singles) -> Singles:
     """Return half the areas of the boxes about pairs of boxes (6, n)."""
-    x, y, z = np.maximum(a[3:], b[3:]) - np.minimum(a[:3], b[:3])
-    area: Singles = x * y + y * z + z * x
+    x, y, z = (np.maximum(a[3 + k], b[3 + k]) - np.minimum(a[k], b[k]) for k in range(3))
+    area: Singles = x * (y + z) + y * z
     return area

@@ -80,7 +80,7 @@ def test_points_are_located_as_by_rationals(data: st.DataObject, triangles: Floa
         places += [a, a / 2 + b / 2, a / 4 + b / 4 + c / 2, triangles.mean(axis=(0, 1))]
         places.append(np.array([*a[:2], data.draw(SMALL) * size]))
     places += [size * np.array(p) for p in data.draw(st.lists(points(SMALL), max_size=3))]
-    located = locate(ExactMesh(triangles), np.array(places))
+    located = locate(ExactMesh.from_triangles(triangles), np.array(places))
     for point, location in zip(places, located, strict=True):
         if any(on_triangle(corners, point) for corners in triangles):
             assert location == Location.ON

@@ -127,6 +127,16 @@ def test_changes_of_the_mesh_count_and_copies_answer_alike(box: trimesh.Trimesh)
     assert box.ray.first(below, UP).t == before.t + 1
 
 
+def test_a_vertex_without_triangles_may_lie_anywhere(box: trimesh.Trimesh) -> None:
+    """Neither scale nor middle of the mesh depend on it."""
+    vertices = np.concatenate(([[np.nan, 1e300, -np.inf]], box.vertices))
+    mesh = trimesh.Trimesh(vertices, box.faces + 1, process=False)
+    starts = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 3)) - [0, 0, 2]
+    expected, first = (ray.first(starts, UP * 50) for ray in (box.ray, ExactIntersector(mesh)))
+    assert first.triangle.tolist() == expected.triangle.tolist()
+    assert np.array_equal(first.t, expected.t, equal_nan=True)
+
+
 def test_trimesh_answers_by_it(box: trimesh.Trimesh) -> None:
     assert box.contains([[0, 0, 0], [0, 0, 0.5], [0, 0, 0.6]]).tolist() == [True, False, False]
 
@@ -152,6 +162,11 @@ def test_nothing_is_an_answer_too() -> None:
         (([[0, 0, 0]] * 2, [[0, 0, 1], [0, 0, 0]]), "ray 1 is .*no direction"),
         (([[0, 0, 0]] * 2, UP), "1 directions for 2 origins"),
         (("rays", UP), "ray_origins: not an array of numbers"),
+        (([["0", "0", "0"]], UP), "ray_origins: not an array of numbers but of <U1"),
+        (([[0, 0, 1j]], UP), "ray_origins: not an array of numbers but of complex128"),
+        (([[0, 0, 0]], np.array(UP, dtype=object)), "ray_directions: .* but of object"),
+        (([[0, 0, None]], UP), "ray_origins: .* but of object"),
+        (([[0, 0], [0, 0, 0]], UP), "ray_origins: rows differ in length"),
     ],
 )
 def test_bad_rays_are_refused_by_number(
@@ -169,8 +184,12 @@ def test_bad_ranges_meshes_and_counts_are_refused(box: trimesh.Trimesh) -> None:
         box.ray.first(start, UP, t_min=np.nan)
     with pytest.raises(InputError, match=r"t_max: the shape is \(2,\)"):
         box.ray.first(start, UP, t_max=[1.0, 2.0])
-    with pytest.raises(InputError, match="max_hits: 0"):
-        box.ray.intersects_id(start, UP, max_hits=0)
+    for wrong in ("a", None, 1j, object()):
+        with pytest.raises(InputError, match="t_max: not an array of numbers"):
+            box.ray.first(start, UP, t_max=wrong)
+    for count in (0, None, 2.5, "3"):
+        with pytest.raises(InputError, match=f"max_hits: {count!r} is no positive integer"):
+            box.ray.intersects_id(start, UP, max_hits=count)
     with pytest.raises(InputError, match="points: point 1"):
         box.ray.contains_points([[0, 0, 0], [np.nan, 0, 0]])
     box.vertices[0, 0] = np.nan

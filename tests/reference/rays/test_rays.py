@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 
 from tests.reference.rays.worst import Problem, problems
@@ -30,7 +31,7 @@ def batch(problem: Problem) -> RayBatch:
 @examples(100)
 @given(problems())
 def test_first_surfaces_are_those_of_rationals(problem: Problem) -> None:
-    first = ExactMesh(problem.triangles).first(batch(problem))
+    first = ExactMesh.from_triangles(problem.triangles).first(batch(problem))
     for ray in range(len(problem.origins)):
         hits = problem.hits(ray)
         tied = [number for t, number in hits if t == hits[0][0]]
@@ -53,12 +54,28 @@ def test_first_surfaces_are_those_of_rationals(problem: Problem) -> None:
 @examples(100)
 @given(problems())
 def test_all_surfaces_are_those_of_rationals_in_order(problem: Problem) -> None:
-    hits = ExactMesh(problem.triangles).all(batch(problem))
+    hits = ExactMesh.from_triangles(problem.triangles).all(batch(problem))
     for ray in range(len(problem.origins)):
         expected, own = problem.hits(ray), hits.ray == ray
         assert hits.triangle[own].tolist() == [number for _, number in expected]
         places = sorted({t for t, _ in expected})
         assert hits.place[own].tolist() == [places.index(t) for t, _ in expected]
+
+
+def test_answers_are_alike_without_proposals_of_embree() -> None:
+    """One by one, rays are walked alone; as many as there are triangles, Embree proposes first."""
+    rng = np.random.default_rng(4)
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    origins = np.concatenate((rng.uniform(-2, 2, (300, 3)), ball.vertices))
+    directions = np.concatenate((rng.normal(size=(300, 3)), -ball.vertices))
+    rays = RayBatch(
+        origins=origins, directions=directions, ends=np.tile([0.0, np.inf], (len(origins), 1))
+    )
+    together = ExactMesh(ball.vertices, ball.faces).first(rays)
+    alone = [ExactMesh(ball.vertices, ball.faces).first(rays[[k]]) for k in range(len(rays))]
+    for name in ("triangle", "t", "certainty"):
+        values = np.concatenate([vars(first)[name] for first in alone])
+        assert np.array_equal(values, vars(together)[name], equal_nan=True)
 
 
 def test_half_of_the_bound_of_an_edge_function_is_too_little() -> None:
@@ -161,7 +178,7 @@ def test_filters_without_bounds_are_caught(monkeypatch: pytest.MonkeyPatch, boun
     def wrong() -> int:
         count = 0
         for k in range(100):
-            first = ExactMesh(triangles[[k]]).first(rays[[k]])
+            first = ExactMesh.from_triangles(triangles[[k]]).first(rays[[k]])
             count += (first.triangle[0] == 0) != exact[k]
         return count
 
