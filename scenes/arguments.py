@@ -1,7 +1,8 @@
-"""Arguments of the public dataclasses, taken as numbers, names and programs.
+"""Conversion of arguments of the public dataclasses: numbers, names and programs.
 
-A value that is not a number becomes NaN; a value that is not a count becomes `NO_COUNT`, which is
-below all counts. The test of the class then refuses both with a message that shows the value.
+A value that is not a number becomes NaN. A value that is not a count becomes `NO_COUNT`, which is
+below all counts. The range test of the class then refuses both, with a message that shows the
+value.
 """
 
 import math
@@ -21,7 +22,7 @@ NO_COUNT = -1  # replaces a value that is not a whole number; it is below every 
 
 
 def real(value: object) -> float:
-    """Return a number as float; NaN if it is not a number, as booleans and strings are not."""
+    """Return a number as float; NaN for other values, including booleans and strings."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
     try:
@@ -48,12 +49,12 @@ def wholes(values: object, length: int) -> tuple[int, ...]:
 
 
 def check_program(command: str, folder: Path | None = None) -> None:
-    """Raise InputError if the program of a command that runs in a folder is not there."""
+    """Raise InputError if the program of a command does not exist; `folder` is where it runs."""
     try:
         name = (shlex.split(command) or [""])[0].replace("{{", "{").replace("}}", "}")
     except ValueError as error:
         raise InputError(f"--command {command!r}: {error}; mind the quotes") from error
-    # A name with a folder in it is not searched in PATH.
+    # A name that contains a folder is not searched in PATH.
     if shutil.which((folder or Path()).resolve() / name if os.sep in name else name) is None:
         raise InputError(
             f"--command {command!r}: {name} is no program that can be run; name one in this "
@@ -69,7 +70,7 @@ def _items(values: object, length: int | None) -> tuple[object, ...] | None:
 
 
 def choice(kind: type[Choice], value: object, name: str) -> Choice:
-    """Return a member of an enumeration, given itself or its value; InputError for other values."""
+    """Return a member of an enumeration by member or value; InputError for other values."""
     try:
         return kind(value)  # type: ignore[arg-type]  # an enumeration refuses other values
     except ValueError as error:
@@ -77,14 +78,14 @@ def choice(kind: type[Choice], value: object, name: str) -> Choice:
 
 
 def switch(value: object, name: str) -> bool:
-    """Return a truth value; InputError at other values."""
+    """Return a boolean; InputError for other values."""
     if value is True or value is False:
         return value
     raise InputError(f"{name} must be True or False, not {value!r}")
 
 
 def one_of(value: object, kind: type, name: str) -> None:
-    """Raise InputError unless a value is of some class."""
+    """Raise InputError unless a value is an instance of a class."""
     if not isinstance(value, kind):
         raise InputError(f"{name} must be a {kind.__name__}, not {value!r:.100}")
 

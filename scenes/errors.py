@@ -2,4 +2,4 @@
 
 
 class InputError(Exception):
-    """Bad input, in one line: the fault, the value, the remedy. Commands exit with status 2."""
+    """Bad input, in one line: the error, the value, the advice. Commands exit with status 2."""

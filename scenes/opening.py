@@ -16,23 +16,23 @@ from xfrustum.scenes.library import builtin
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
 
-# beginning of the names of hard cases: other names are looked up without loading the suite
+# prefix of the names of hard cases: other names do not need the suite
 HARD = "hard/"
 
 
 def open_scene(text: str | os.PathLike[str]) -> Scene:
     """Open a scene file, or a built-in scene out of `builtin.names()` or `hard_cases.names()`.
 
-    A text that ends in .toml, and a `Path`, is a path; a built-in name comes before a file of the
-    same name. Raises InputError if it is neither, or the file is not a valid scene.
+    A text that ends in .toml, or a `Path`, is a path; a built-in name has precedence over a file of
+    the same name. Raises InputError if it is neither, or if the file is not a valid scene.
     """
     if not isinstance(text, os.PathLike):
         one_of(text, str, "a scene's name or path")
         if build := _builder(text):
             return build(text)
     regular_size(Path(text), "scene file")
-    # Do not load the readers of tables and meshes, which takes a second, for built-in scenes and
-    # unknown names.
+    # Built-in scenes and unknown names do not need the readers of tables and meshes, which take a
+    # second to load.
     from xfrustum.scenes.files.scene_file import read_scene  # noqa: PLC0415
 
     return read_scene(Path(text))

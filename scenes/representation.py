@@ -1,4 +1,4 @@
-"""Numbers as short texts, records without the values of their arrays, and labelled arrays."""
+"""Numbers as short texts, short `repr` of records, and labelled arrays."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def percent_up(share: float) -> str:
     if share <= 0 or share >= 1:
         return f"{100 * share:.0f} %"
     step = 10.0 ** (math.floor(math.log10(100 * share)) - 1)
-    # The margin keeps a share of two digits unchanged in spite of rounding.
+    # The margin prevents rounding errors from raising a share of exactly two digits.
     return f"{min(math.ceil(100 * share / step - 1e-9) * step, 100.0):.3g} %"
 
 
@@ -43,12 +43,12 @@ def sides(lengths: Iterable[float]) -> str:
 
 
 def counted(number: int, name: str) -> str:
-    """Write how many there are of something, such as `1 object` or `2,000 triangles`."""
+    """Write a number with its noun, such as `1 object` or `2,000 triangles`."""
     return f"{number:,} {name if number == 1 else name + 's'}"
 
 
 def plain(text: str) -> str:
-    """Drop the zero that Python puts into small exponents."""
+    """Remove the leading zero of small exponents in Python's notation."""
     return re.sub(r"e([+-])0(\d)", r"e\1\2", text).replace("e+", "e")
 
 
@@ -56,7 +56,7 @@ LONGEST_PART = 100  #: largest number of characters of a nested record in a repr
 
 
 class ShortRepr:
-    """A dataclass whose `repr` shows its fields, but only the type of arrays and large parts."""
+    """Dataclass whose `repr` shows its fields, with only the type of arrays and large parts."""
 
     def __repr__(self) -> str:
         names = [part.name for part in fields(self)]  # type: ignore[arg-type]
@@ -89,12 +89,12 @@ class Labelled:
 
     values: NDArray[Any] | float | None
     meaning: str  #: in words
-    units: str | None = None  #: None of numbers and classes
+    units: str | None = None  #: None for numbers and classes
     last: str = "rgb"  #: name of the third dimension
 
     @property
     def variable(self) -> tuple[tuple[str, ...], NDArray[Any], dict[str, str]]:
-        """Dimensions, values and attributes, as xarray takes them."""
+        """Dimensions, values and attributes, in the form for xarray."""
         values = np.asarray(self.values)
         units = {} if self.units is None else {"units": self.units}
         return ("v", "u", self.last)[: values.ndim], values, {"long_name": self.meaning, **units}

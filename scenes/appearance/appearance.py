@@ -65,10 +65,11 @@ DEFAULT_MATERIAL = Material(specular=(0.2, 0.2, 0.2))
 
 @dataclass(frozen=True, kw_only=True)
 class DirectionalLight:
-    """A light at infinity, and therefore its own conjugate (paper, section 3).
+    """Light at infinity, which is therefore its own conjugate (paper, section 3).
 
-    The direction points to the light and is normalized. The color is its irradiance over pi, which
-    a white diffuse surface facing it shows. Raises InputError if the direction has no length.
+    The direction points to the light and is normalized. The color is the irradiance divided by pi:
+    the radiance of a white diffuse surface that faces the light. Raises InputError if the direction
+    has no length.
     """
 
     direction: tuple[float, float, float]
@@ -91,15 +92,15 @@ DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
 class Environment:
     """Radiance from all directions: a latitude-longitude map (H, W, 3), row 0 on top.
 
-    The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle
-    follows +x, then +z at both ends. It is visible only in reflections: a line that meets nothing
-    shows black. Raises InputError if the array has another shape, or radiance is negative or beyond
-    `MAX_RADIANCE`.
+    The map's middle is behind the plate (-z), and its top is above (+y). To the right of the middle
+    are +x and then +z, which is at both ends. The map is visible only in reflections: a line that
+    meets no surface is black. Raises InputError if the array has another shape, or radiance is
+    negative or beyond `MAX_RADIANCE`.
     """
 
     radiance: Singles
     strength: float = 1.0  #: factor of the radiance, at least 0
-    name: str = "environment"  #: file or maker, for messages
+    name: str = "environment"  #: file or origin of the map, for messages
 
     def __post_init__(self) -> None:
         import numpy as np  # noqa: PLC0415 - scene files are checked, and scenes listed, without it
@@ -137,7 +138,7 @@ class Environment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Appearance:
-    """Materials by name, lights, and an environment to be reflected, if any."""
+    """Materials by name, lights, and an optional environment for reflections."""
 
     materials: Mapping[str, Material] = field(default_factory=dict)
     lights: tuple[DirectionalLight, ...] = (DEFAULT_LIGHT,)
@@ -157,7 +158,7 @@ class Appearance:
             one_of(self.environment, Environment, "environment")
 
     def material(self, name: str | None) -> Material:
-        """Return a material by name, the default for None; InputError at unknown names."""
+        """Return a material by name, the default material for None; InputError if unknown."""
         if name is not None and name not in self.materials:
             known = ", ".join(self.materials) or "none"
             raise InputError(f"there is no material {name!r}; the appearance has {known}")

@@ -1,4 +1,4 @@
-"""Radiance as pages and notebooks show it: clipped to 0..1, sRGB, 8 bits."""
+"""Radiance for display in pages and notebooks: clipped to 0..1, sRGB, 8 bits."""
 
 from typing import TypeVar
 
@@ -12,12 +12,12 @@ Kind = TypeVar("Kind", bound=np.floating)
 
 
 def encoding_curve(linear: NDArray[Kind]) -> NDArray[Kind]:
-    """Return sRGB values of linear ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
+    """Return sRGB values of linear values from 0 to 1, in their precision (IEC 61966-2-1)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def decoding_curve(shown: NDArray[Kind]) -> NDArray[Kind]:
-    """Return linear values of sRGB ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
+    """Return linear values of sRGB values from 0 to 1, in their precision (IEC 61966-2-1)."""
     return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
 
 
@@ -34,5 +34,5 @@ def decoded(shown: NDArray[np.floating]) -> Floats:
 
 
 def through_8_bits(radiance: NDArray[np.floating]) -> Floats:
-    """Return the linear radiance that a picture has after 8-bit output."""
+    """Return linear radiance after rounding to 8-bit sRGB."""
     return decoded(np.rint(LEVELS * encoded(radiance)) / LEVELS)

@@ -1,4 +1,4 @@
-"""Numbers of samples over pixels and over the aperture, and light transport; off by default."""
+"""Sampling over pixels and over the aperture, and light transport; off by default."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Sampling:
 
 @dataclass(frozen=True, kw_only=True)
 class Transport:
-    """Light transport beyond direct light without shadows; InputError for values out of range."""
+    """Shadows and interreflection, by light paths; InputError for values out of range."""
 
     shadows: bool = False  #: whether surfaces hide lights from each other
     interreflection: bool = False  #: whether surfaces light each other
@@ -63,7 +63,7 @@ class Transport:
         return self.shadows or self.interreflection
 
 
-#: The real root of x^3 = x + 1: its powers give the most even additive recurrence in two
+#: The real root of x^3 = x + 1. Its powers give an evenly distributed additive recurrence in two
 #: dimensions.
 PLASTIC = 1.32471795724474602596
 

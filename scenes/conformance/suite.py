@@ -1,4 +1,4 @@
-"""Cases of the frozen conformance suite: reading, choice by level and name, and their scenes."""
+"""Cases of the frozen conformance suite: reading, selection by level and name, and scenes."""
 
 from __future__ import annotations
 
@@ -38,17 +38,15 @@ LEVELS = {
 }
 
 CLOSE_NEAR = 1e-6
-"""Near offset, as a share of the reach, of the two cameras handed out with a true frustum.
+"""Near offset, as a fraction of the reach, of the two cameras in cases with a true frustum.
 
-Points at |z| move by at most W / 2 * n / |z| pixels. With a reversed 32-bit depth buffer the
-cameras thus keep the bounds of edges wherever no surface is closer to the plate than some ten
-offsets.
-"""
+Points at |z| move by at most W / 2 * n / |z| pixels. With a reversed 32-bit depth buffer, this is
+within the tolerance of edges if no surface is closer to the plate than about ten offsets."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A frozen question to a renderer, and its accepted answers."""
+    """Frozen test case: the image that a renderer must make, and the accepted results."""
 
     name: str
     level: str
@@ -66,13 +64,13 @@ class Case:
     near: float | None = None
     depth: DepthFormat = DepthFormat.D32F
     mapping: DepthMapping = DepthMapping.REVERSED
-    #: largest share of shown pixels that can be wrong without an accepted reason, 0 to 1. Only
-    #: wrong conventions must fail L0: mistakes of later levels make at most 26 % of a case wrong,
-    #: and each wrong convention at least 56 % of some case; L0 therefore has 0.3. L4 has 0.005,
-    #: because colors show neither slivers narrower than a pixel nor surfaces beyond the film's
-    #: border.
+    #: largest share of covered pixels that may be wrong without an accepted reason, 0 to 1. Only
+    #: wrong conventions should fail L0: mistakes of later levels make at most 26 % of the pixels of
+    #: a case wrong, and every wrong convention makes at least 56 % of some case wrong. L0 therefore
+    #: has 0.3. L4 has 0.005, because slivers narrower than a pixel, and surfaces beyond the film's
+    #: border, are not identified by colors.
     wrong: float = 0.0
-    #: of linear radiance; None: `COLOR_TOLERANCE`
+    #: tolerance of linear radiance; None: `COLOR_TOLERANCE`
     tolerance: float | None = None
     #: SHA-256 of triangles and ties of the truth in all hogels
     digest: str = ""
@@ -108,7 +106,7 @@ class Case:
         return [scene.plate.aperture(*index) for index in self.hogels]
 
     def settings(self, scene: Scene) -> DoubleFrustum:
-        """Return the two cameras that renderers get: as stated, or with a tiny near offset."""
+        """Return the settings of the two cameras: the case's, or a tiny near offset."""
         near = CLOSE_NEAR * scene.frustum.longest_reach if self.near is None else self.near
         return DoubleFrustum(near=near, depth=self.depth, mapping=self.mapping)
 
@@ -121,7 +119,7 @@ def cases() -> tuple[Case, ...]:
 
 
 def chosen(levels: Sequence[str] = (), names: Sequence[str] = ()) -> tuple[Case, ...]:
-    """Return the cases of some levels and names, all by default; InputError for an unknown one."""
+    """Return the cases of levels and names, all by default; InputError for an unknown name."""
     by_name = {case.name: case for case in cases()}
     for kind, some, known in (("level", levels, list(LEVELS)), ("case", names, list(by_name))):
         for name in some:
@@ -139,5 +137,5 @@ def chosen(levels: Sequence[str] = (), names: Sequence[str] = ()) -> tuple[Case,
 
 
 def suite_digest() -> str:
-    """Return the SHA-256 of the list of cases, which holds the digest of each truth."""
+    """Return the SHA-256 of the list of cases, which contains the digest of each truth."""
     return hashlib.sha256((FOLDER / "cases.toml").read_bytes()).hexdigest()

@@ -1,5 +1,5 @@
-"""Files on the disk: read within bounds, written whole or not at all.
+"""Files on disk: bounded reading, atomic writing.
 
-durable      Files and folders that are whole or absent, whatever ends the process or fills the disk
-input_files  Files and archives from outside: regular files only, and a bound on memory
+durable Atomic writing: files and folders are complete or absent, also after a crash input_files
+Files and archives of users: regular files only, and a bound on memory
 """

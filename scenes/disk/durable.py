@@ -1,4 +1,4 @@
-"""Files and folders that are whole or absent: written under a temporary name, then renamed.
+"""Atomic writing of files and folders: written under a temporary name, then renamed.
 
 A temporary name is `.xfrustum-HOST-PID-..`, in the same folder. A killed process leaves such files
 behind. The next process that writes to the folder removes them, unless a running process has the
@@ -25,7 +25,7 @@ _ASIDE = re.compile(r"\.xfrustum-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}")
 
 
 def _host() -> str:
-    """Return eight letters for the machine or the container that numbers the processes."""
+    """Return eight letters that identify the machine or container, within which PIDs are unique."""
     names = [os.uname().nodename]
     with suppress(OSError):
         names.append(str(Path("/proc/self/ns/pid").readlink()))
@@ -35,8 +35,8 @@ def _host() -> str:
 class TempPath:
     """Temporary file or folder, at `path` in the folder `host`: rename it to keep it.
 
-    A context manager: on entry it removes leftovers of killed processes, on exit the file or folder
-    that still has this name.
+    It is a context manager. On entry it removes leftovers of killed processes; on exit it removes
+    the file or folder if it was not renamed.
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
@@ -51,7 +51,7 @@ class TempPath:
             self._made = True
 
     def remove(self) -> None:
-        """Remove what still has this name."""
+        """Remove the file or folder if it was not renamed."""
         with delayed():
             if self._made:
                 self._made = False
@@ -64,12 +64,12 @@ class TempPath:
         self.remove()
 
     def __del__(self) -> None:
-        # A signal may come after this was made and before the block that removes it is entered.
+        # A signal may arrive between the creation and the block that would remove it.
         self.remove()
 
 
 def remove_abandoned(host: Path) -> None:
-    """Remove what processes that have ended left in a folder; what cannot be removed stays."""
+    """Remove temporary files of ended processes from a folder, where possible."""
     with suppress(OSError):
         for name in os.listdir(host):  # noqa: PTH208 - faster, where a folder has millions of files
             match = _ASIDE.fullmatch(name)
@@ -128,7 +128,7 @@ def written_into(path: Path) -> bool:
 
 
 def _descriptor(path: Path) -> int | None:
-    """Return the number of the open file that a name or a link stands for, else None."""
+    """Return the file descriptor to which a name or a link leads, else None."""
     name = os.path.abspath(path)  # noqa: PTH100 - links are followed one at a time
     for _ in range(40):  # Linux reports a loop after 40 links
         if match := re.fullmatch(r"/(?:dev|proc/self)/fd/(\d+)", name):
@@ -153,7 +153,7 @@ def put(made: Path, path: Path) -> None:
 def put_folder(made: Path, path: Path) -> bool:
     """Rename a temporary folder, with all its files, to its final name in one step.
 
-    Returns False if the name is taken: nothing has been done, and `put` can place the files one by
+    Returns False, without any change, if the name is taken: `put` can then place the files one by
     one.
     """
     if path.exists() or path.is_symlink():
@@ -181,7 +181,7 @@ def _sync(path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk, if its file system supports that."""
+    """Wait until the names in a folder are on disk, if the file system supports this."""
     try:
         _sync(folder)
     except OSError as error:

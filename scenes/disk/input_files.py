@@ -1,9 +1,9 @@
-"""Files from outside: regular files only, and a bound on the memory that reading one may take.
+"""Files of users: regular files only, with a bound on the memory for reading.
 
 A name may lead to a pipe, on which reading blocks forever, to an endless device, or to a file of a
-few bytes that declares gigabytes. Every file is opened by `open_input` or read by `read_input`; a
-library that opens it itself is called after `regular_size`. `check_declared` bounds the memory that
-a file declares; `damage_refused` converts errors of the library that reads the file.
+few bytes that declares gigabytes. Every file is opened by `open_input` or read by `read_input`;
+before a library opens a file by itself, `regular_size` checks it. `check_declared` bounds the
+memory that a file declares. `damage_refused` converts errors of the library that reads the file.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 MEMORY_PER_BYTE = 64
 """Memory for each byte of a file, bytes, where that is more than the bound.
 
-The readers of meshes need up to 30 times the file's size (for a text such as OFF: lines, words and
-numbers as Python objects, then arrays); twice that lets every honest file through, however large it
-is. A file that takes more is compressed, or declares more than it holds.
+Mesh readers need up to 30 times the file's size (for a text such as OFF: lines, words and numbers
+as Python objects, then arrays). Twice this amount accepts every correct file, however large. A file
+that needs more is compressed, or declares more than it contains.
 """
 
 #: Bytes of memory that a pixel of a picture takes: four channels as read, and three copies.
@@ -39,14 +39,14 @@ BLOCK_BYTES = 512  #: unit of the disk space of a file, bytes
 SCENE_FILE_SIZE = (
     1 << 24
 )  # largest size of a scene file, sixteen million bytes; people write some hundreds
-RAISING_OPTION = "--max-input-memory"  # option of the command line that raises the bound on memory
+RAISING_OPTION = "--max-input-memory"  # command-line option that raises the memory bound
 
 
 class _Bound:
     """The bounds of this process, global because its memory is shared."""
 
     memory = 1 << 30
-    """Bytes of memory that one input may take while it is read, whatever the size of its file."""
+    """Bytes of memory that reading one input may take, for files of any size."""
 
     hogels = (
         20_000_000  # largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million
@@ -64,19 +64,19 @@ def _bound_within_block(name: str, value: int) -> Iterator[None]:
 
 
 def input_memory(size: int) -> AbstractContextManager[None]:
-    """Let one input take up to this many bytes of memory, a positive number, within a block."""
+    """Set the memory bound of one input, bytes, > 0, within a block."""
     if size <= 0:
         raise InputError(f"{RAISING_OPTION} must be a positive size, not {size}")
     return _bound_within_block("memory", size)
 
 
 def largest_plate(hogels: int) -> AbstractContextManager[None]:
-    """Let plates have up to this many hogels within a block."""
+    """Set the largest number of hogels of a plate within a block."""
     return _bound_within_block("hogels", hogels)
 
 
 def check_hogels(columns: int, rows: int) -> None:
-    """Raise InputError at a plate of more hogels than the bound."""
+    """Raise InputError for a plate with more hogels than the bound."""
     if columns * rows > _Bound.hogels:
         raise InputError(
             f"plate.hogels are {columns * rows:,}, more than {_Bound.hogels:,}; choose fewer, "
@@ -88,8 +88,8 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
     """Return the size in bytes of a regular file, named `what` in messages; links are followed.
 
     Raises InputError if it is missing (the message adds the advice), cannot be reached, is not a
-    regular file, or is empty, as files of /proc are. A file that is mostly a hole is refused too:
-    reading it takes memory although it takes no disk.
+    regular file, or is empty, as files in /proc are. Sparse files are refused too: they take memory
+    on reading although they take no disk space.
     """
     try:
         status = path.stat()
@@ -126,7 +126,7 @@ def open_input(path: Path, what: str, advice: str = "") -> BinaryIO:
     """Open a file for reading; InputError if it is not a regular file or not readable."""
     regular_size(path, what, advice)
     try:
-        # Nonblocking: a pipe may have taken the file's place since the check, and open must not
+        # Nonblocking, because a pipe may have replaced the file since the check, and open must not
         # wait.
         return os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     except OSError as error:
@@ -134,7 +134,7 @@ def open_input(path: Path, what: str, advice: str = "") -> BinaryIO:
 
 
 def head_of(path: Path, what: str, size: int = 1024) -> bytes:
-    """Return the first bytes of a file; InputError as from `open_input`, or at a read error."""
+    """Return the first bytes of a file; InputError as from `open_input`, and for read errors."""
     try:
         with open_input(path, what) as file:
             return file.read(size)
@@ -145,7 +145,7 @@ def head_of(path: Path, what: str, size: int = 1024) -> bytes:
 
 
 def read_input(path: Path, what: str, advice: str = "") -> bytes:
-    """Return all bytes of a file; InputError as from `head_of`, with advice where it is missing."""
+    """Return all bytes of a file; InputError as from `head_of`, with advice if it is missing."""
     return head_of(path, what, regular_size(path, what, advice))
 
 
@@ -177,12 +177,12 @@ def damage_refused(path: Path, what: str, advice: str) -> Iterator[None]:
 
 
 def allowed_memory(size: int) -> int:
-    """Return the bytes of memory that reading a file of some size may take."""
+    """Return the memory bound, bytes, for reading a file of this size."""
     return max(_Bound.memory, MEMORY_PER_BYTE * size)
 
 
 def check_declared(path: Path, declared: int, what: str) -> None:
-    """Raise InputError at a file that declares more bytes than its size and the bound allow."""
+    """Raise InputError if a file declares more bytes than its size and the bound allow."""
     if declared > allowed_memory(regular_size(path, "file")):
         raise _too_much(path, f"{what}, {in_words(declared)} of memory")
 
@@ -197,21 +197,21 @@ def check_allowed(path: Path, declared: int, what: str) -> None:
 
 
 def check_picture_size(path: Path, width: int, height: int) -> None:
-    """Raise InputError at a picture that declares more pixels than memory allows."""
+    """Raise InputError if a picture declares more pixels than memory allows."""
     check_declared(path, MEMORY_PER_PIXEL * width * height, f"{width} x {height} pixels")
 
 
 def open_image(file: BinaryIO) -> Any:
     """Return Pillow's image of a file, undecoded, without Pillow's limit on pixels.
 
-    `check_picture_size` bounds them instead, by a number that an option raises. `PIL.Image.open`
-    would also test `Image.MAX_IMAGE_PIXELS`, which belongs to the host process. Raises
-    UnidentifiedImageError for a file that is not a picture.
+    `check_picture_size` bounds the number of pixels instead, and an option can raise this bound.
+    `PIL.Image.open` would also test `Image.MAX_IMAGE_PIXELS`, which belongs to the host process.
+    Raises UnidentifiedImageError for a file that is not a picture.
     """
     from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - a scene file needs no Pillow
 
     Image.init()
-    prefix = file.read(16)  # as many bytes as Pillow's own tests of formats get
+    prefix = file.read(16)  # as many bytes as Pillow passes to its format tests
     for name in Image.ID:
         factory, accepts = Image.OPEN[name]
         accepted = accepts is None or accepts(prefix)
@@ -260,7 +260,8 @@ def in_words(size: float) -> str:
 def read_member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
     """Return a member of the archive in a file; InputError if it declares too much memory.
 
-    `zipfile` raises various exceptions at damage: call this function within `damage_refused`.
+    `zipfile` raises various exceptions for damaged archives: call this function within
+    `damage_refused`.
     """
     check_declared(path, archive.getinfo(name).file_size, f"unpacking {name}")
     return archive.read(name)  # `zipfile` reads no more than the member declares

@@ -1,8 +1,8 @@
 """Names of the channels of a hogel image in OpenEXR files, and error bounds of stored values.
 
-Blender writes `ViewLayer.Position.X`, Arnold `P.X` or `P.R`, others `pos.X`; in files of several
-parts the name of a part may stand for the layer. Names of our own contract (CONVENTIONS.md, "Image
-files") come first.
+Blender writes `ViewLayer.Position.X`, Arnold `P.X` or `P.R`, others `pos.X`. In files with several
+parts, the name of a part may replace the layer name. The names of CONVENTIONS.md, "Image files",
+have precedence.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certaint
 #: number of a triangle or of an object
 ANY_ID = "id"
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
-#: layer names of other programs for the content of our channels, lower case
+#: layer names of other programs for our channels, lower case
 _LAYERS: Mapping[tuple[str, ...], frozenset[str]] = {
     POSITION: frozenset({"p", "pos", "position", "pworld", "worldposition"}),
     NORMAL: frozenset({"n", "normal"}),
@@ -46,12 +46,12 @@ class StoredChannel:
 
     @property
     def words(self) -> str:
-        """Name of part and channel; in files of one part only the channel."""
+        """Name of part and channel; only the channel in files with one part."""
         return f"{self.part_name}/{self.name}" if self.part_name else self.name
 
     @property
     def layer_and_axis(self) -> tuple[str, str]:
-        """Layer name behind its last point, and last letter, lower case."""
+        """Last component of the layer name, and last letter of the channel name, lower case."""
         path = f"{self.part_name}.{self.name}" if "." not in self.name else self.name
         layer, _, axis = path.lower().rpartition(".")
         return layer.rpartition(".")[2], axis
@@ -61,7 +61,7 @@ def listed(present: Sequence[StoredChannel]) -> str:
     """Return the names of channels, for errors."""
     names = [channel.words for channel in present]
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    # Cryptomatte looks like numbers of objects, and needs its own manifest to be read.
+    # Cryptomatte resembles object numbers, but cannot be read without its manifest.
     secret = any("crypto" in name.lower() for name in names)
     return ", ".join(names[:MAX_LISTED]) + more + (" (Cryptomatte is not read)" if secret else "")
 
@@ -71,7 +71,7 @@ def located(
 ) -> tuple[dict[str, StoredChannel], dict[str, tuple[StoredChannel, ...]]]:
     """Return the channel of each name, and the channels of names in several layers or parts.
 
-    A name of our contract wins over the one layer with a name of other programs.
+    A name of our contract has precedence over a layer with a name of other programs.
     """
     missing = set(names)
     places: dict[str, StoredChannel] = {}
@@ -83,7 +83,7 @@ def located(
         elif same:
             several[name] = same
     missing -= places.keys() | several.keys()
-    # All channels of a group come from one layer; otherwise none is taken.
+    # All channels of a group must be in one layer; otherwise none is used.
     for group, layers in _LAYERS.items():
         if not missing.issuperset(group):
             continue
@@ -114,11 +114,11 @@ def _named(present: Sequence[StoredChannel], name: str) -> tuple[StoredChannel, 
 def _complete_sets(
     present: Sequence[StoredChannel], layers: frozenset[str], count: int
 ) -> list[tuple[StoredChannel, ...]]:
-    """Return the channels of each layer with one of some names, in the order of their axes."""
+    """Return the channels of each layer that has one of some names, in the order of axes."""
     by_layer: dict[tuple[int, str], dict[str, StoredChannel]] = {}
     for channel in present:
         layer, axis = channel.layer_and_axis
-        # The same layer can lie in several parts.
+        # The same layer can be in several parts.
         if layer in layers:
             key = channel.part, channel.name.rpartition(".")[0]
             by_layer.setdefault(key, {})[axis] = channel
@@ -133,7 +133,7 @@ def _complete_sets(
 
 
 def refuse_several(path: object, several: Mapping[str, tuple[StoredChannel, ...]]) -> None:
-    """Raise InputError if a required channel lies in several layers or parts."""
+    """Raise InputError if a required channel is in several layers or parts."""
     for name, places in several.items():
         where = ", ".join(channel.words for channel in places)
         raise InputError(f"{path}: channel {name} lies in {where}; keep one of them")
@@ -153,7 +153,7 @@ PXR24_ROUNDING = 2.0**-16
 #: default level, for files without one
 DWA_LEVEL = 45.0
 DWA_TABLE_NORM = 53.668
-"""Norm of JPEG's luminance table over its least entry, 10.
+"""Norm of JPEG's luminance table divided by its smallest entry, 10.
 
 DWA allows the coefficient k of an 8 x 8 block an error of level / 100,000 times table_k / 10.
 """
@@ -169,7 +169,7 @@ def lossy(name: str, kind: np.dtype[Any], compression: Any) -> str | None:
 
 
 def largest_whole(kind: np.dtype[Any], compression: Any) -> int:
-    """Return the largest number up to which a channel holds all whole numbers."""
+    """Return the largest n for which a channel can store all integers from 0 to n."""
     if kind == np.float16:
         return 1 << 11
     if kind == np.float32:
@@ -197,12 +197,12 @@ def uncertainty(
 def _dwa(values: Floats, level: float) -> Floats:
     """Return the error bounds of values compressed by DWA.
 
-    DWA rounds a value to half precision and takes a curve v of it, the power 1 / 2.2 up to 1 and a
-    logarithm beyond. It rounds the coefficients of the cosine transform of 8 x 8 values v, whose
-    basis is orthonormal: at each pixel the squares of its functions add up to 1. Errors e_k of the
-    coefficients thus change v by at most the square root of the sum of e_k^2. Coefficients are
-    rounded to half precision, which changes v by 2^-11 of their norm, at most 8 max |v|; v itself
-    is rounded twice.
+    DWA rounds a value to half precision and maps it through a curve to v: the power 1 / 2.2 up to
+    1, a logarithm above. It rounds the coefficients of the cosine transform of 8 x 8 values v. The
+    basis is orthonormal: at each pixel the squares of the basis functions sum to 1. Errors e_k of
+    the coefficients therefore change v by at most the square root of the sum of e_k^2. Coefficients
+    are also rounded to half precision, which changes v by 2^-11 of their norm, at most 8 max |v|.
+    The value v itself is rounded twice.
     """
     magnitude = np.where(np.isfinite(values), np.abs(values), 0.0)
     curve = np.where(
@@ -215,5 +215,5 @@ def _dwa(values: Floats, level: float) -> Floats:
         return np.asarray(np.sign(curve) * np.where(size <= 1, size**2.2, np.exp(2.2 * (size - 1))))
 
     off = np.maximum(value(curve + error) - magnitude, magnitude - value(curve - error))
-    # Rounding to half precision at both ends.
+    # Values are rounded to half precision before compression and after decompression.
     return np.asarray(off + 2 * (HALF_ROUNDING * magnitude + HALF_SUBNORMAL))

@@ -1,8 +1,8 @@
 """Hogel images and other pictures as OpenEXR files (CONVENTIONS.md, "Image files"; docs/adr/0012).
 
-A header is read and checked before the pixels, because the library allocates any declared size.
-Reading uses the library's newer interface, because at errors the older one ends the process.
-Writing uses the older interface, which takes an image band by band.
+The header is read and checked before the pixels, because the library allocates any declared size.
+Reading uses the library's newer interface, because the older interface ends the process on errors.
+Writing uses the older interface, which accepts an image band by band.
 """
 
 import io
@@ -52,14 +52,14 @@ Planes = Mapping[str, NDArray[Any]]  # channels (H, W) by name, each with its ow
 CAMERA_ATTRIBUTE, RENDERING_ATTRIBUTE = "xfrustum:camera", "xfrustum:rendering"
 EYE_ATTRIBUTE = "xfrustum:eye"
 _OPTIONAL = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty": (CERTAINTY,)}
-#: attributes as JSON, whose numbers are the shortest digits that give the same double again
+#: attributes as JSON, with the shortest digits from which the same doubles are read
 CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
 EYE_JSON = TypeAdapter(Eye)
 #: first bytes of every OpenEXR file
 MAGIC = bytes.fromhex("762f3101")
-#: the library counts a channel's bytes, 4 a pixel, in 32 bits
+#: the library counts the bytes of a channel, 4 per pixel, in 32 bits
 MAX_PIXELS = (2**31 - 1) // 4
-#: coordinate that renderers store, or exceed, for no surface
+#: smallest coordinate that renderers store for no surface
 FAR = 1e10
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # in the order of OpenEXR's codes
 _SILENT = threading.Lock()  # concurrent redirections would restore each other's file
@@ -70,7 +70,7 @@ _DAMAGE = (OSError, RuntimeError, SystemError, LookupError, TypeError, ValueErro
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Drop output within a block: OpenEXR prints repairs, and errors that it also raises."""
+    """Suppress output within a block: OpenEXR prints repairs, and errors that it also raises."""
     with _SILENT, os.fdopen(os.dup(2), "wb") as shown, Path(os.devnull).open("wb") as nowhere:
         os.dup2(nowhere.fileno(), 2)
         try:
@@ -100,17 +100,17 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
 class Header:
     """Declarations of all parts of an OpenEXR file of flat pixels."""
 
-    #: of the first part that has them
+    #: attributes by name, each of the first part that has it
     attributes: Mapping[str, Any]
     #: W, H of the display window, pixels
     size: tuple[int, int]
     channels: tuple[StoredChannel, ...]
-    #: of each part
+    #: compression of each part
     compressions: tuple[Any, ...]
 
 
 def read_header(path: Path) -> Header:
-    """Return the header; InputError for another file, deep pixels, or a size beyond the limit."""
+    """Return the header; InputError for other formats, deep pixels, or too large a size."""
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
     with _file(path, header_only=True) as file:
@@ -168,7 +168,7 @@ class ReadPlanes:
 
 
 def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
-    """Return the channels of some names that a file has, from any part; see `located`.
+    """Return all channels in `names` that a file has, from any part; see `located`.
 
     Pixels of the display window outside the data window are 0, NaN in positions, heights and
     normals. Raises InputError as `read_header` does, and if a channel lies in several parts or
@@ -194,7 +194,7 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
 def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDArray[Any]:
     """Return the pixels (H, W) of the display window from the pixels of the data window."""
     missing = np.nan if name in (*POSITION, *NORMAL, HEIGHT) else 0
-    # Rows and columns of the display window, counted from the data window's first ones.
+    # Rows and columns of the display window, counted from the first of the data window.
     rows, columns = (
         np.arange(display[0][axis], display[1][axis] + 1) - data[0][axis] for axis in (1, 0)
     )
@@ -227,7 +227,7 @@ def read_image(
     partial: bool = False,
     counted: str | None = None,
 ) -> HogelImage:
-    """Read an image by any renderer; absent channels are None, NaN, or `NOTHING`.
+    """Read the image of any renderer; absent channels are None, NaN, or `NOTHING`.
 
     Parameters
     ----------
@@ -242,14 +242,14 @@ def read_image(
     Raises
     ------
     InputError
-        The file is missing, damaged, without a camera, or of another size than its camera's film.
+        The file is missing, is damaged, has no camera, or has another size than its camera's film.
     """
     path = Path(path)
     read = read_channels(path, (*CHANNELS, ANY_ID))
     planes, header = read.planes, read.header
     if counted is not None and ANY_ID in planes and counted not in planes:
         planes[counted], read.places[counted] = planes[ANY_ID], read.places[ANY_ID]
-    # Ignore the camera that another renderer stores: its image answers for the stated hogel.
+    # Ignore a camera stored by another renderer: its image is judged as the stated hogel.
     own = None if partial else _described(path, header.attributes, CAMERA_ATTRIBUTE, CAMERA_JSON)
     camera = own or camera
     if camera is None:
@@ -300,28 +300,28 @@ def read_image(
 def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mask:
     """Return the pixels (H, W) that show no surface.
 
-    Numbers decide if a file has any. Otherwise a position means no surface if it is not finite, 0
-    in all coordinates, or at least `FAR` in one: many renderers store such values. The origin is
-    not lost by this: it lies in the plate, where a true hogel shows only the center of its own
-    aperture.
+    If the file has numbers, they are used. Otherwise a position means no surface if it is not
+    finite, 0 in all coordinates, or at least `FAR` in one coordinate: many renderers store such
+    values. A surface point at the origin is not lost: the origin is in the plate, where a true
+    hogel shows only the center of its own aperture.
     """
     numbers = [read.planes[name] for name in (TRIANGLE, OBJECT, ANY_ID) if name in read.places]
     if any(plane.any() for plane in numbers):  # numbers that no shader has set are all 0
         nowhere: Mask = np.logical_and.reduce([plane == 0 for plane in numbers])
         return nowhere
-    # A 0 that was compressed with loss may be read as another number.
+    # After lossy compression, 0 may be read as another number.
     exact = [name in read.places and read.lossy(name) is None for name in POSITION]
     axes = np.flatnonzero(exact).tolist()
     largest = np.abs(position[..., axes or [2]]).max(axis=-1).astype(np.float64)  # NaN where one is
     nowhere = ~((largest > 0) & (largest < max(FAR, *camera.reach)))
-    # One point in all pixels is a background, too, where all numbers are 0.
+    # The same point in all pixels is a background, too, if all numbers are 0.
     return nowhere | bool(numbers and (position == position[0, 0]).all())
 
 
 def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
-    """Return error bounds of the coordinates (H, W, 3) by their storage; None if that is exact.
+    """Return error bounds (H, W, 3) of stored coordinates; None if storage is exact.
 
-    Raises InputError if all three were compressed with loss, or one of them by B44.
+    Raises InputError if all three have lossy compression, or one of them B44.
     """
     places = [read.places[name] for name in POSITION]
     kinds = [read.lossy(name) for name in POSITION]
@@ -344,7 +344,7 @@ def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
 
 
 def _storage(read: ReadPlanes) -> str | None:
-    """Return the compression that changed any of the channels; None for lossless ones."""
+    """Return the lossy compression of any of the channels; None if all are lossless."""
     kinds = sorted({kind for name in read.places if (kind := read.lossy(name)) is not None})
     return f"OpenEXR {' and '.join(kinds)}, lossy" if kinds else None
 
@@ -380,7 +380,7 @@ def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles
 
 
 def _numbers(path: Path, name: str, read: ReadPlanes) -> Numbers:
-    """Return numbers from the channel that stores them plus one, which can hold floats."""
+    """Return numbers from a channel of numbers plus one, which may be of a float type."""
     plane = read.planes.get(name)
     if plane is None:
         return np.full(read.header.size[::-1], NOTHING, np.int32)
@@ -468,8 +468,8 @@ def image_writer(
 ) -> Iterator[Callable[[HogelImage], None]]:
     """Write an image from the top down: yield a function that writes the next band.
 
-    A band is an image of full width and any number of rows; `arrays` names its optional arrays. The
-    file replaces an older one when the block ends without an exception. Raises InputError if it
+    A band is an image of full width and any number of rows; `arrays` lists its optional arrays. The
+    file replaces an older file when the block ends without an exception. Raises InputError if it
     cannot be written, or the image exceeds `MAX_PIXELS`.
     """
     path, (width, height), written = Path(path), camera.resolution, 0
@@ -530,7 +530,7 @@ def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | N
     """Write channels (H, W) of any type into a file in place; InputError if that fails."""
     height, width = next(iter(planes.values())).shape
     types = {name: plane.dtype for name, plane in planes.items()}
-    # Callers write into a folder that is committed as a whole.
+    # Write in place: callers write into a temporary folder, which is renamed as a whole.
     try:
         with _rows(path, (width, height), types, attributes or {}) as write:
             write(planes)

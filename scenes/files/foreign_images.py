@@ -17,20 +17,20 @@ from xfrustum.scenes.representation import ShortRepr
 
 
 class Encoding(StrEnum):
-    """The meaning of a picture's RGB values; an OpenEXR file names its own channels."""
+    """Meaning of a picture's RGB values; OpenEXR files have channel names instead."""
 
     #: linear radiance
     RGB = "rgb"
     #: radiance encoded as sRGB
     SRGB = "srgb"
-    #: red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing
+    #: triangle number + 1 as red * 65536 + green * 256 + blue; 0 for no surface
     TRIANGLE_ID = "triangle-id"
-    #: the same with the object's number
+    #: object number + 1, packed likewise
     OBJECT_ID = "object-id"
 
 
 class Transfer(StrEnum):
-    """The transfer function from linear radiance to a picture's stored values."""
+    """Transfer function from linear radiance to a picture's stored values."""
 
     LINEAR = "linear"
     SRGB = "sRGB"
@@ -62,11 +62,11 @@ class Transfer(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StoredPixels(ShortRepr):
-    """A picture's pixels as its file stores them."""
+    """Pixels of a picture as stored in its file."""
 
     #: (H, W, 3)
     rgb: Bytes
-    #: name of the file's format where it changes pixels, such as "JPEG"
+    #: name of a lossy file format, such as "JPEG"
     lossy: str = ""
 
 
@@ -79,7 +79,7 @@ class ForeignImage(HogelImage):
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """A way to read stored pixels."""
+    """Interpretation of stored pixels: channel order, offset, background, transfer."""
 
     encoding: Encoding
     #: channels (0 red, 1 green, 2 blue) of the high, middle and low byte of a number
@@ -93,7 +93,7 @@ class Reading:
 
     @property
     def first_is_lost(self) -> bool:
-        """True if number 0 and no surface are stored as the same integer."""
+        """True if number 0 and the background are stored as the same integer."""
         return (
             self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
             and self.offset == self.background
@@ -108,7 +108,7 @@ class Reading:
 
     def numbers(self, packed: Numbers) -> Numbers:
         """Return the numbers (H, W) of stored integers, `NOTHING` for no surface."""
-        # Integers below the offset do not name a surface either.
+        # Integers below the offset are no surface either.
         known = np.maximum(packed - self.offset, NOTHING)
         return np.where(packed == self.background, NOTHING, known).astype(np.int32)
 
@@ -151,7 +151,7 @@ def is_picture(image: HogelImage) -> bool:
 
 
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
-    """Return an image whose stored pixels are read in another way.
+    """Return an image whose stored pixels are decoded with another reading.
 
     For images without stored pixels, only the offset and the choice of triangles or objects change.
     """

@@ -1,9 +1,9 @@
 """Layouts of files that store the pictures of a plate: one table row each.
 
-A layout with one file per hogel states the numbers in its names and its orientation. Every other
-layout has, for each file, a view of the plate's pixels (row j, column i, pixel row r, pixel column
-c, channel): reading assigns the file's pixels to this view, and writing stores it, without
-computing pixels.
+A layout with one file per hogel is defined by the numbers in file names and by its orientation. In
+all other layouts, each file is a NumPy view of the plate's pixels (row j, column i, pixel row r,
+pixel column c, channel): reading assigns the file's pixels to this view, and writing stores it.
+Pixel values do not change.
 """
 
 import math
@@ -67,7 +67,7 @@ class Layout:
     pattern: str
     #: format of a file name without suffix
     stem_format: str
-    #: groups that count files: hogel column i and row j, pixel row r and column c
+    #: groups that number the files: hogel column i and row j, pixel row r and column c
     numbers: str
     #: view (.., 3) of a file's pixels in a plate, by the file's numbers and the stated numbers:
     #: (H, W), or (tile row, H, tile column, W); None for one file per hogel
@@ -83,11 +83,11 @@ class Layout:
 
     @property
     def in_hogels(self) -> bool:
-        """One file per hogel, so that a plate can lack some of them."""
+        """True if each hogel has its own file, so that files of a plate may be missing."""
         return self.view is None
 
     def read_name(self, name: str) -> tuple[Index, Index] | None:
-        """Return the counting and the stated numbers of a file name; None for another name."""
+        """Return the counting and the stated numbers of a file name; None if it does not match."""
         suffixes = "|".join(map(re.escape, PICTURE_SUFFIXES))
         match = re.fullmatch(f"(?:{self.pattern})(?:{suffixes})", name, re.ASCII)
         if match is None or any(len(number) > MAX_DIGITS for number in match.groups()):
@@ -130,7 +130,7 @@ class Layout:
         known
             Shape that the scene, or a file beside the pictures, states.
         """
-        # Names that state the plate's size, or a known plate, allow hogels without files.
+        # If names state the plate's size, or the plate is known, files may be missing.
         counts = []
         for axis in range(len(self.numbers)):
             numbers = {index[axis] for index in counted}
@@ -185,9 +185,9 @@ def middle_row(pixels: Pixels) -> Pixels:
 def tiled_views(pixels: Pixels, _: Index, tiles: Index) -> Pixels:
     """Return the view (tile row, plate row, tile column, plate column, 3) of a plate's pixels.
 
-    View k = 0, 1, .. belongs to the eye k from the left, and thus to the pixel k from the right of
-    each hogel: the line of a pixel at u > 0 runs to the right behind the plate, and comes from the
-    left in front of it.
+    View k = 0, 1, .. is the view of eye k from the left, and shows pixel k from the right of each
+    hogel: the line of a pixel at u > 0 goes to the right behind the plate, and to the left in front
+    of it.
     """
     eyes = middle_row(pixels)[:, :, ::-1]
     views = eyes.reshape(*eyes.shape[:2], tiles[1], tiles[0], -1)
@@ -195,7 +195,7 @@ def tiled_views(pixels: Pixels, _: Index, tiles: Index) -> Pixels:
 
 
 def quilt_tiles(views: int, tiles: tuple[int, int] | None) -> Index:
-    """Return columns and rows of tiles: as stated, of a display, or nearest to a square."""
+    """Return columns and rows of tiles: as stated, of a known display, or close to a square."""
     rows = max(number for number in range(1, math.isqrt(views) + 1) if views % number == 0)
     tiles = tiles or KNOWN_QUILTS.get(views, (views // rows, rows))
     if math.prod(tiles) != views:
@@ -203,7 +203,7 @@ def quilt_tiles(views: int, tiles: tuple[int, int] | None) -> Index:
     return tiles
 
 
-#: all layouts; the first that fits the names of some files is taken
+#: all layouts; the first that matches the file names is used
 LAYOUTS = (
     # This layout comes first, because its names also fit the pattern of `hogels`.
     Layout("hocking", "one picture per hogel, rows counted upward, names state the plate's size",
@@ -215,7 +215,7 @@ LAYOUTS = (
     Layout("hocking-columns", "one picture per hogel column, a line per hogel, mirrored",
            r"Hogel_Column_(?P<i>\d+)", "Hogel_Column_{i}", "i",
            lambda pixels, index, _: middle_row(pixels)[:, index[0], ::-1], horizontal=True),
-    # A camera's place ends some names with an underscore.
+    # The camera position of some names ends with an underscore.
     Layout("stanford", "one view per pixel of a hogel, row before column, with camera positions",
            r"out_(?P<r>\d+)_(?P<c>\d+)_-?\d+(?:\.\d*)?_-?\d+(?:\.\d*)?_?",
            "out_{r:02}_{c:02}_{v:.6f}_{u:.6f}", "rc", _pixel_view),
@@ -244,7 +244,7 @@ SINGLE_PICTURES = ("mosaic", "quilt")
 
 
 def layouts_named(name: str) -> tuple[Layout, ...]:
-    """Return the rows of a name; InputError for an unknown one."""
+    """Return the layouts with a name; InputError for an unknown name."""
     if name not in NAMES:
         raise InputError(f"layout {name!r} is not one of {', '.join(NAMES)}")
     return tuple(layout for layout in LAYOUTS if layout.name == name)
@@ -252,7 +252,7 @@ def layouts_named(name: str) -> tuple[Layout, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A layout and the free parts of the file names to be written."""
+    """Layout for writing, with the free parts of its file names."""
 
     layout: Layout
     suffix: str = ".png"

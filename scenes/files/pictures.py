@@ -1,4 +1,4 @@
-"""Pictures and environment maps as arrays, to the last bit."""
+"""Pictures and environment maps as arrays, bit for bit."""
 
 import io
 import json
@@ -24,7 +24,7 @@ from xfrustum.scenes.files.layouts import Pixels
 TEXT_KEY = "xfrustum:layout"
 #: chunk gAMA of a PNG file with linear pixels: the exponent 1 in units of 1 / 100,000
 LINEAR_GAMMA = (100_000).to_bytes(4, "big")
-#: Pillow's names; WebP and others need not be lossy
+#: Pillow's names of formats that are always lossy; WebP, for example, may be lossless
 LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
 #: Pillow's modes that convert to 8-bit RGB losslessly
 RGB_MODES = ("RGB", "RGBA", "P", "L", "1")
@@ -34,11 +34,11 @@ _DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Picture:
-    """A picture as its file stores it, row 0 at the top."""
+    """Picture as stored in its file, row 0 at the top."""
 
     #: (H, W, 3), levels from 0 to 255 (uint8) or floating point
     pixels: Pixels
-    #: file format that changes pixels, such as "JPEG"
+    #: name of a lossy file format, such as "JPEG"
     lossy: str = ""
     #: whether a PNG file states that its pixels are linear radiance
     linear: bool = False
@@ -54,7 +54,7 @@ def _opened(path: Path) -> Iterator[Any]:
             input_files.open_image(file) as picture,
         ):
             yield picture
-    # A subclass of OSError, and thus before the others.
+    # This is a subclass of OSError, so it must come first.
     except UnidentifiedImageError as error:
         raise InputError(f"{path}: is not an image that can be read") from error
     except _DAMAGE as error:
@@ -94,8 +94,8 @@ def read_picture(path: Path) -> Picture:
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
     """Write a picture in the format of the suffix: .png (uint8) or .exr (floating point).
 
-    PNG files hold the text, the layout of a plate. Raises InputError if the format cannot hold the
-    pixels, OSError where the file cannot be written.
+    `text`, the layout of a plate, is stored in PNG files. Raises InputError if the format cannot
+    store the pixels, OSError if the file cannot be written.
     """
     suffix, pixels = path.suffix.lower(), np.array(picture.pixels, order="C")
     if suffix == ".png" and pixels.dtype == np.uint8:
@@ -185,14 +185,14 @@ def _read_radiance(path: Path) -> Singles:
     pixels, at = np.empty((height, width, 4), np.uint8), header.end()
     for row in pixels:
         at = _read_row(path, stored, at, row)
-    # A mantissa of 8 bits counts 1/256, and the exponent has an excess of 128: 128 + 8 = 136.
+    # The unit of the 8-bit mantissa is 1/256, and the exponent has a bias of 128: 128 + 8 = 136.
     exponent = pixels[..., 3:].astype(np.int32)
     scale = np.where(exponent == 0, 0, np.ldexp(np.float32(1), exponent - 136)).astype(np.float32)
     return pixels[..., :3] * scale
 
 
 def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
-    """Fill a row (W, 4) from the bytes at an offset, and return the offset behind it."""
+    """Fill a row (W, 4) from the bytes at an offset, and return the next offset."""
     width = len(row)
     mark = np.array((2, 2, width >> 8, width & 255), np.uint8)
     if width not in _RUN_WIDTHS or not np.array_equal(stored[at : at + 4], mark):
@@ -207,7 +207,8 @@ def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
     for component in row.T:
         done = 0
         while done < width:
-            # A code above 128 repeats the next value; another is the number of values that follow.
+            # A code above 128 repeats the next value; other codes are the number of values that
+            # follow.
             code = int(stored[at]) if at + 1 < stored.size else 0
             count = code - 128 if code > 128 else code
             values = stored[at + 1 : at + 2] if code > 128 else stored[at + 1 : at + 1 + count]

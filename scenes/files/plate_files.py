@@ -32,11 +32,11 @@ from xfrustum.scenes.files.pictures import (
     write_picture,
 )
 
-#: file that describes the plate, written by the script for Blender
+#: name of the file that describes a plate, written by the Blender script
 PLATE_FILE = "plate.json"
-#: largest size of such a file, bytes: a hundred thousand objects with their colors
+#: largest size of this file, bytes: a hundred thousand objects with their colors
 MAX_FACTS_BYTES = 1 << 24
-#: size of a plate's pixels, beyond which a scratch file holds them
+#: size of a plate's pixels, bytes, above which they are in a scratch file
 MAX_BYTES_IN_MEMORY = 1 << 28
 
 
@@ -48,11 +48,11 @@ class PlateRows:
     dtype: np.dtype[Any]
     #: function of a row's number that returns its pixels (columns, H, W, 3), or raises InputError
     row: Callable[[int], Pixels]
-    #: whether pixels are known to be linear radiance
+    #: True if pixels are certainly linear radiance
     linear: bool = False
-    #: (rows, columns, H, W, 3), where the whole plate is held
+    #: (rows, columns, H, W, 3), if the whole plate is in memory
     pixels: Pixels | None = None
-    #: file format that changes pixels, such as "JPEG"
+    #: name of a lossy file format, such as "JPEG"
     lossy: str = ""
 
     @classmethod
@@ -89,7 +89,8 @@ def empty_pixels(shape: PlateShape, dtype: np.dtype[Any]) -> Pixels:
     if size <= MAX_BYTES_IN_MEMORY:
         return np.zeros(shape.array, dtype)
     try:
-        # The mapping outlives the closed file, which has no name and leaves nothing behind.
+        # The mapping remains valid after the file is closed; the file has no name and needs no
+        # cleanup.
         with tempfile.TemporaryFile() as file:
             return np.memmap(file, dtype, "w+", shape=shape.array)
     except (OSError, ValueError, OverflowError) as error:
@@ -113,7 +114,7 @@ def converted(pixels: Pixels, *, floating: bool) -> Pixels:
         return pixels if pixels.dtype.kind == "f" else (pixels / 255).astype(np.float32)
     if pixels.dtype.kind != "f":
         return pixels
-    # In double precision, so that levels divided by 255 return as the same levels.
+    # Use double precision, so that levels divided by 255 are converted back to the same levels.
     shares = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1)
     return np.rint(255 * shares).astype(np.uint8)
 
@@ -122,7 +123,7 @@ def converted(pixels: Pixels, *, floating: bool) -> Pixels:
 class FileSet:
     """Files of a plate in a layout."""
 
-    #: folder or file that was named
+    #: folder or file in the command
     place: Path
     layout: Layout
     #: paths by the numbers that count them
@@ -130,7 +131,7 @@ class FileSet:
     #: numbers that are equal in all names; see `Layout.stated`
     stated: Index
     shape: PlateShape
-    #: number of pictures in the folder with names of other layouts, >= 0
+    #: number of pictures in the folder whose names do not match the layout, >= 0
     strangers: int
 
     @property
@@ -158,14 +159,14 @@ class FileSet:
         return replace(picture, pixels=turned)
 
     def rows(self) -> PlateRows:
-        """Return the plate, read row by row where each file is one hogel.
+        """Return the plate, read row by row if each file is one hogel.
 
-        Raises InputError, here or on reading a row, where a file is missing, damaged, or differs
-        from the others in size or type of pixels.
+        Raises InputError, here or on reading a row, if a file is missing, is damaged, or differs
+        from the others in size or pixel type.
         """
         if not self.layout.in_hogels:
             return self.plate
-        # Missing files are reported before any work.
+        # Report missing files before any work.
         for index in self.layout.indices(self.shape):
             self._path(index)
         first = self._read(next(self.layout.indices(self.shape)))
@@ -219,7 +220,7 @@ class FileSet:
         picture = read_picture(path)
         high, wide = picture.pixels.shape[:2]
         if self.layout.name == "quilt" and wide >= width and high >= height:
-            # Tiles are rounded down to whole pixels; the rest lies at the right and at the top.
+            # Tiles are rounded down to whole pixels; unused pixels are at the right and at the top.
             return replace(picture, pixels=picture.pixels[high - height :, :width])
         if (wide, high) != (width, height):
             raise InputError(f"{path}: is {wide} x {high}, and should be {width} x {height}")
@@ -239,11 +240,11 @@ def stored_size(layout: Layout, shape: PlateShape, stated: Index) -> tuple[int, 
 def find_files(
     place: Path, known: PlateShape | None = None, layouts: Sequence[Layout] = LAYOUTS
 ) -> FileSet:
-    """Return the files at a path in the layout that their names fit.
+    """Return the files at a path, in the layout that matches their names.
 
-    The layout with the most fitting names is taken; ties are broken by the known plate, then by the
+    The layout that matches most names is used; ties are broken by the known plate, then by the
     order of layouts. Names do not prove the content of pictures: `verify` tests it. Raises
-    InputError, with the reason, where no layout fits.
+    InputError, with the reason, if no layout matches.
     """
     paths = pictures_at(place)
     candidates: list[FileSet] = []
@@ -255,7 +256,7 @@ def find_files(
             if (numbers := layout.read_name(path.name)) is not None
         ]
         single = not layout.numbers
-        # A single picture is a mosaic only if its name fits no other layout.
+        # A single picture is a mosaic only if its name matches no other layout.
         taken = single and not layout.stated and bool(candidates or problems)
         if not named or (single and len(paths) > 1) or taken:
             continue
@@ -332,7 +333,7 @@ def _file_set(
 
 
 def _stated_shape(layout: Layout, first: Path) -> PlateShape | None:
-    """Return the shape that a mosaic, or the file beside pictures of hogels, states; else None."""
+    """Return the shape stated in a mosaic, or in the file beside pictures of hogels; else None."""
     plate_file = first.parent / PLATE_FILE
     try:
         if layout.name == "mosaic":
@@ -356,8 +357,8 @@ def write_files(
 ) -> None:
     """Write a plate into a folder, and call `done` after each file.
 
-    At most one row of hogels is held where each file is one hogel. Raises InputError if the layout
-    or the files cannot hold such a plate, OSError where a file cannot be written.
+    At most one row of hogels is in memory if each file is one hogel. Raises InputError if the
+    layout or the file format cannot store such a plate, OSError if a file cannot be written.
     """
     shape, layout = plate.shape, target.layout
 

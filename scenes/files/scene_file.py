@@ -38,7 +38,7 @@ MAX_KEY_PARTS = 16
 """
 
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
-#: Comments without quotes before them on the line: dots in these are not counted.
+#: Comments without quotes before them on the line; dots in comments are not counted.
 _COMMENT = re.compile(r"""^([^"'#\n]*+)#[^\n]*""", re.MULTILINE)
 _LONG_KEY = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_KEY_PARTS}}}""")
 
@@ -175,7 +175,7 @@ def read_scene(path: Path) -> Scene:
         plate=plate,
         frustum=frustum,
         objects=tuple(_object(path, entry, index) for index, entry in enumerate(file.objects)),
-        # An absolute path, so that an image can be compared from another folder.
+        # Use an absolute path, so that an image can be compared from another folder.
         source=str(path.absolute()),
         appearance=_appearance(path, file),
         sampling=Sampling(**file.sampling.model_dump()),
@@ -244,7 +244,7 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
 
 @contextmanager
 def named(path: Path, key: str) -> Iterator[None]:
-    """Put the scene file and the key before the message of an error within a block."""
+    """Prefix the message of an error within a block with the scene file and the key."""
     try:
         yield
     except InputError as error:
@@ -260,8 +260,8 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
         *table, unknown = location
         for part in (*table, None):
             fields = {field.alias or name: field for name, field in tables.model_fields.items()}
-            # Parts of a location that are not keys are either list indices or the name of one table
-            # type out of several.
+            # Parts of a location that are not keys are list indices, or the name of one of several
+            # table types.
             if part in fields:
                 tables = next(_models_in(fields[str(part)].annotation), tables)
         nearest = difflib.get_close_matches(str(unknown), list(fields), n=1, cutoff=0.0)
@@ -279,7 +279,7 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
 
 
 def dotted(location: Location) -> str:
-    """Return a location as people write it, such as `object[0].rotate_deg`."""
+    """Return a location in the notation `object[0].rotate_deg`."""
     bare = re.compile(r"[A-Za-z0-9_-]+")
     keys = (
         f"[{k}]" if isinstance(k, int) else "." + (k if bare.fullmatch(k) else json.dumps(k))
@@ -329,7 +329,7 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             # Loads SciPy's graphs.
             from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415
 
-            # The tolerance is a length in the scene; divide it by the largest stretching to get a
+            # The tolerance is a length in the scene. Divide it by the largest scale factor to get a
             # length in the mesh.
             tolerance = entry.chord_tolerance
             own = None if tolerance is None else tolerance / shapes.magnification(matrix)
@@ -342,7 +342,7 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             part = load_mesh(path.parent / entry.mesh, material=entry.material)
         part = shapes.flipped(part) if entry.flip_winding else part
         part = shapes.place(shapes.smoothed(part) if entry.smooth else part, matrix)
-    # An object whose winding the file flips is meant to be mirrored.
+    # If the matrix mirrors and the file also flips the winding, mirroring is intended.
     if np.linalg.slogdet(matrix[:3, :3])[0] > 0 or entry.flip_winding:
         return part
     mirrored = (

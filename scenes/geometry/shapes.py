@@ -32,7 +32,7 @@ def square() -> Mesh:
 
 
 def lathe(radii: Floats, heights: Floats, *, sectors: int = 48) -> Mesh:
-    """Turn a profile (N,), upward along the outside, about the y axis; faces outward."""
+    """Return the surface of revolution of a profile (N,), listed upward, about the y axis."""
     turn = 2 * np.pi * np.arange(sectors) / sectors
     level = np.broadcast_to(heights[:, None], (len(heights), sectors))
     return wrapped_grid(
@@ -47,10 +47,10 @@ def ball(radius: float, bands: int, sectors: int) -> Mesh:
 
 
 def wrapped_grid(rings: Floats) -> Mesh:
-    """Join rings of points (N, M, 3) into a tube; rings that shrink to a point close it.
+    """Join rings of points (N, M, 3) into a tube, closed at rings that are a single point.
 
-    Coordinates are rounded to 1e-6, so that sine tables that differ from machine to machine in the
-    last bit give the same content hash.
+    Coordinates are rounded to 1e-6, so that the content hash is the same on machines whose sines
+    differ in the last bit.
     """
     count, around = rings.shape[:2]
     vertices = np.round(rings.reshape(-1, 3), 6) + 0.0
@@ -61,7 +61,7 @@ def wrapped_grid(rings: Floats) -> Mesh:
 
 
 def open_grid(points: Floats) -> Mesh:
-    """Join a grid of points (N, M, 3) into a sheet that faces toward rows x columns."""
+    """Join a grid of points (N, M, 3) into a sheet with normals along rows x columns."""
     return np.round(points.reshape(-1, 3), 6) + 0.0, grid_faces(*points.shape[:2])
 
 
@@ -78,7 +78,7 @@ def triangulate(quads: NDArray[np.integer]) -> Indices:
 
 
 def drop_flat(vertices: Floats, faces: Indices) -> Mesh:
-    """Leave out triangles with two corners at the same point."""
+    """Return the mesh without triangles that have two corners at the same point."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     flat = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
     return vertices, faces[~flat]
@@ -145,7 +145,7 @@ def placement(
     Angles turn about the fixed x, then y, then z axis, counterclockwise when looking against the
     axis.
     """
-    # Computed row by row and not as matrix products, for the reason in `place`.
+    # Compute row by row and not as matrix products, for the reason given in `place`.
     matrix = np.diag([scale, scale, scale, 1.0])
     for axis, angle in enumerate(rotate_deg):
         cosine, sine = math.cos(math.radians(angle)), math.sin(math.radians(angle))
@@ -163,7 +163,7 @@ def magnification(scene_from_mesh: Floats) -> float:
 
 
 def cofactors(matrices: Floats) -> Floats:
-    """Return (N, 3, 3) matrices by which normals, as rows, follow surfaces that matrices place.
+    """Return (N, 3, 3) matrices that transform normals (as rows) of surfaces placed by matrices.
 
     They are the inverse transposes times the determinants, and exist for singular matrices too.
     """
@@ -174,20 +174,20 @@ def cofactors(matrices: Floats) -> Floats:
 def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     """Return the object with its vertices and their normals moved by a (4, 4) affine matrix.
 
-    If the matrix mirrors, the order of corners stays, so that the winding faces the other side, and
-    normals change to that side.
+    If the matrix mirrors, the order of corners is unchanged. The winding then faces the other side,
+    and normals are turned to this side.
     """
     x, y, z = part.vertices.T
-    # Written out instead of a matrix product, because BLAS sums in other orders on other machines,
-    # and the scene's content hash must be the same everywhere.
+    # Do not use a matrix product: the order of BLAS sums depends on the machine, and the scene's
+    # content hash must not.
     with np.errstate(over="ignore", invalid="ignore"):
         moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in scene_from_mesh[:3]]
     normals = part.vertex_normals
     if normals is not None:
-        # Cofactors map the cross product of two edges to the cross product of the moved edges: they
-        # are the inverse transpose times the determinant, whose sign turns normals over where the
-        # matrix mirrors. Normals are not made unit vectors, so that their interpolation stays
-        # linear in the original ones.
+        # Cofactors map the cross product of two edges to the cross product of the moved edges. They
+        # are the inverse transpose times the determinant, whose sign reverses normals if the matrix
+        # mirrors. Normals are not normalized, so that interpolation remains linear in the original
+        # normals.
         linear = scene_from_mesh[:3, :3]
         (turned,) = cofactors((linear / np.abs(linear).max())[None])
         normals = normals @ (turned / np.abs(turned).max())
@@ -195,11 +195,11 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
 
 
 def refine(scene: Scene, levels: int) -> Scene:
-    """Return the scene with each triangle split in four at its middles, `levels` times.
+    """Return the scene with each triangle split in four at the midpoints of edges, `levels` times.
 
-    Triangle t becomes 4 t to 4 t + 3. A middle gets the mean of its ends' normals, colors and
-    texture coordinates. Normals are not normalized, so that interpolation over the parts equals
-    interpolation over the whole triangle.
+    Triangle t becomes 4 t to 4 t + 3. A midpoint gets the mean normals, colors and texture
+    coordinates of the edge's ends. Normals are not normalized, so that interpolation over the parts
+    equals interpolation over the whole triangle.
     """
     for _ in range(levels):
         scene = replace(scene, objects=tuple(map(_in_four, scene.objects)))
@@ -208,7 +208,7 @@ def refine(scene: Scene, levels: int) -> Scene:
 
 def _in_four(part: SceneObject) -> SceneObject:
     def with_middles(values: Floats | None) -> Floats | None:
-        """Append the means over edges to values at vertices (V, N); NaN spreads."""
+        """Append the means over edges to values at vertices (V, N); the mean with a NaN is NaN."""
         return None if values is None else np.concatenate([values, values[edges].mean(axis=1)])
 
     sides = np.stack([part.faces, np.roll(part.faces, -1, axis=1)], axis=-1)
@@ -233,9 +233,10 @@ def _in_four(part: SceneObject) -> SceneObject:
 def smoothed(part: SceneObject) -> SceneObject:
     """Return the object with normals added at vertices that have none.
 
-    Faces are weighted by their angles at a point, so that the triangulation of a flat surface does
-    not matter (Thürmer and Wüthrich, "Computing vertex normals from polygonal facets", 1998).
-    Vertices in the same place count as one. If the mean is zero, the vertex gets no normal.
+    Faces are weighted by their angles at the vertex, so that the result does not depend on the
+    triangulation of a flat surface (Thürmer and Wüthrich, "Computing vertex normals from polygonal
+    facets", 1998). Vertices with equal coordinates count as one. A vertex gets no normal if the
+    mean is zero.
     """
     mean, own = _mean_normals(part.vertices, part.faces), part.vertex_normals
     if own is None or not np.isfinite(own).any():
@@ -247,7 +248,7 @@ def smoothed(part: SceneObject) -> SceneObject:
 
 
 def flipped(part: SceneObject) -> SceneObject:
-    """Return the object wound the other way; normals are reversed unless most face the new side."""
+    """Return the object with reversed winding, and its normals reversed unless most fit it."""
     normals, faces = part.vertex_normals, part.faces[:, ::-1]
     if normals is not None:
         a, b, c = part.vertices[faces].transpose(1, 0, 2)

@@ -1,4 +1,4 @@
-"""Bezier patches (`.bpt` files), and their triangles: within a chord tolerance and without cracks.
+"""Bezier patches (`.bpt` files), tessellated within a chord tolerance and without cracks.
 
 A control net is (n + 1, m + 1, 3): the surface of degree n along u, its first index, and m along v,
 both from 0 to 1 (Farin, "Curves and surfaces for CAGD", 5th ed., chapters 4 and 14).
@@ -17,8 +17,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import bounded_memory, check_mesh_file, read_input
 from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
 
-#: Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one
-#: rounding.
+#: Distance from 1 to the next larger double, 2^-52: twice the largest relative rounding error.
 EPSILON = float(np.finfo(np.float64).eps)
 #: Upper limit of the counted steps along a patch, because their quotient may be infinite.
 MAX_STEPS = 1e18
@@ -68,13 +67,13 @@ def second_derivative_bounds(net: Floats) -> list[float]:
 def normals(net: Floats, u: Floats, v: Floats) -> Floats:
     """Return the unit normals (U, V, 3) along f_u x f_v; NaN where there is none.
 
-    Where f_u x f_v is zero on a border, for example along a border collapsed to a point, the normal
-    is the limit from inside along the other parameter, given by the derivative of f_u x f_v.
+    If f_u x f_v is zero on a border, for example on a border that is a single point, the normal is
+    the limit from the inside along the other parameter, computed from the derivative of f_u x f_v.
     """
-    # Step 1: compute f_u x f_v, and test where it is zero within rounding. De Casteljau's
-    # interpolation of degree n rounds by at most 2 n epsilon of the largest control point, a
-    # difference of control points by epsilon of itself, and a cross product by 4 epsilon of the
-    # product of the lengths.
+    # Step 1: compute f_u x f_v, and test if it is zero within rounding. The rounding error of De
+    # Casteljau's interpolation of degree n is at most 2 n epsilon of the largest control point, the
+    # error of a difference of control points is epsilon of the difference, and the error of a cross
+    # product is 4 epsilon of the product of the lengths.
     nets = derivative(net, 0), derivative(net, 1)
     f_u, f_v = (surface(part, u, v) for part in nets)
     cross = np.cross(f_u, f_v)
@@ -86,12 +85,12 @@ def normals(net: Floats, u: Floats, v: Floats) -> Floats:
     zero = np.linalg.norm(cross, axis=-1) <= rounding
     if zero.any():
         # Step 2: the derivatives of f_u x f_v along v and along u, by the product rule. Toward the
-        # inside, a parameter grows from 0 and falls from 1.
+        # inside, a parameter increases from 0 and decreases from 1.
         f_uu, f_uv, f_vv = (surface(part, u, v) for part in second_derivatives(net))
         from_v = np.sign(0.5 - v)[:, None] * (np.cross(f_uv, f_v) + np.cross(f_u, f_vv))
         from_u = np.sign(0.5 - u)[:, None, None] * (np.cross(f_uu, f_v) + np.cross(f_u, f_uv))
-        # Step 3: on a border the derivative toward the inside is the direction of the limit; along
-        # v first.
+        # Step 3: on a border, the derivative toward the inside is the direction of the limit; v is
+        # used first.
         at_v, at_u = np.isin(v, (0, 1))[None, :, None], np.isin(u, (0, 1))[:, None, None]
         limit = np.where(
             at_v & from_v.any(axis=-1, keepdims=True), from_v, np.where(at_u, from_u, 0.0)
@@ -105,15 +104,15 @@ def normals(net: Floats, u: Floats, v: Floats) -> Floats:
 def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
     """Return the fewest steps along u and v that keep a chord tolerance.
 
-    Flat right triangles with legs 1/a and 1/b in the parameters lie within (M_uu/a^2 + 2 M_uv/(a b)
-    + M_vv/b^2) / 8 of the surface, point by point, M being the largest second derivatives (Filip,
-    Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3, 1986). With 2/(a
-    b) <= 1/a^2 + 1/b^2 this is at most ((M_uu + M_uv)/a^2 + (M_uv + M_vv)/b^2) / 8; the fewest
-    triangles give each half of the tolerance.
+    Flat right triangles with legs 1/a and 1/b in the parameters lie within (M_uu/a^2 + 2 M_uv/(a
+    b) + M_vv/b^2) / 8 of the surface, point by point, where M are the largest second derivatives
+    (Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3, 1986).
+    Because 2/(a b) <= 1/a^2 + 1/b^2, this is at most ((M_uu + M_uv)/a^2 + (M_uv + M_vv)/b^2) / 8.
+    The number of triangles is smallest if each of the two terms is half of the tolerance.
     """
     m_uu, m_uv, m_vv = second_derivative_bounds(net)
     along_u, along_v = m_uu + m_uv, m_uv + m_vv
-    # Each direction gets half of the tolerance, or all of it where the other one needs none.
+    # Each direction gets half of the tolerance, or all of it if the other direction is straight.
     halves = 2 if along_u > 0 and along_v > 0 else 1
     # bound / (8 a^2) = tolerance / halves, solved for a.
     needed = (math.sqrt(halves * (bound / chord_tolerance) / 8) for bound in (along_u, along_v))
@@ -124,17 +123,18 @@ def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
 def tessellate(
     nets: Sequence[Floats], chord_tolerance: float, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return patches as triangles; both surfaces lie within the tolerance of each other.
+    """Return triangles whose distance from the patches is at most the tolerance, and the reverse.
 
-    Patches that share an edge, by the same control points, cut it in the same points, to the last
-    bit. Raises InputError if that takes more than `MAX_TRIANGLES`, or all patches are without area.
+    Patches with a common edge, that is, with the same control points, divide it at the same points,
+    bit for bit. Raises InputError if more than `MAX_TRIANGLES` are needed, or if no patch has an
+    area.
     """
 
     def triangles(steps: Steps) -> int:
         return sum(2 * along_u * along_v for along_u, along_v in steps)
 
     steps = [steps_for(net, chord_tolerance) for net in nets]
-    # Matching only adds steps and counts them in 64 bits, which an absurd tolerance would overflow.
+    # Matching only adds steps. It counts them in 64 bits, which an absurd tolerance would overflow.
     if triangles(steps) <= MAX_TRIANGLES:
         steps = matched_steps(nets, steps)
     if (count := triangles(steps)) > MAX_TRIANGLES:
@@ -149,7 +149,7 @@ def tessellate(
 def cut(
     nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return patches cut into some steps, with exact normals; wound as f_u x f_v."""
+    """Return patches cut into steps, with exact normals; the winding follows f_u x f_v."""
     vertices, directions, faces = [], [], []
     start = 0
     for net, (along_u, along_v) in zip(nets, steps, strict=True):
@@ -169,7 +169,7 @@ def cut(
 
 
 def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]:
-    """Return the smallest numbers of steps that agree on all shared edges, strip by strip."""
+    """Return the smallest numbers of steps that agree on all shared edges."""
     # A graph links the directions of patches that share an edge: node 2 p is patch p along u, node
     # 2 p + 1 along v. The first patch with an edge owns it.
     owners: dict[bytes, int] = {}
@@ -180,8 +180,8 @@ def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]
                 continue
             node = 2 * patch + axis
             links.append((node, owners.setdefault(_oriented(side)[0].tobytes(), node)))
-    # All directions of a strip, a connected part of the graph, take the largest number of steps
-    # among them.
+    # All directions of a strip, a connected component of the graph, use the largest number of steps
+    # in the strip.
     needed = np.array(least, dtype=np.int64).reshape(-1)
     pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
     graph = coo_array(
@@ -203,7 +203,7 @@ def _edge(controls: Floats, steps: int) -> Floats:
 
 
 def _oriented(controls: Floats) -> tuple[Floats, bool]:
-    """Return control points in the lesser of both orders, and whether it is reversed."""
+    """Return control points in the lexicographically smaller order, and whether it is reversed."""
     controls = (
         controls + 0.0
     )  # turns negative zeros positive, so that equal points have equal bytes
@@ -291,8 +291,7 @@ def _count(path: Path, words: list[str], at: int, what: str) -> int:
         raise InputError(
             f"{path}: {what} must be a whole number of at least 1, not {words[at][:40]!r}"
         )
-    # A file has no more words than this, and Python refuses to read a number of thousands of
-    # digits.
+    # Larger numbers cannot be right, and Python refuses to convert thousands of digits.
     if len(digits) > len(str(_MAX_WORDS)):
         raise InputError(f"{path}: {what} must be at most {_MAX_WORDS:,}, not {words[at][:40]}..")
     return int(digits)

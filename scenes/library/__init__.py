@@ -2,6 +2,6 @@
 
 builtin     Catalogue of the built-in scenes
 car         A car of about 42,000 triangles: plain, and in a studio
-hard_cases  Scenes at which renderers of crossed frusta fail
+hard_cases Scenes on which renderers of crossed frusta fail
 targets     Objects for orientation, depth order, clipping, reflection, and bars
 """

@@ -28,15 +28,15 @@ _RECENTERED = Frustum(
     reach=_REACH,
     screen=Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0)),
 )
-# A screen behind the plate, around the car, and a plate so small that its corners see the car too.
+# A screen behind the plate, around the car, and a plate so small that the car is visible from its
+# corners.
 _CAR_PLATE = Plate(size=(40.0, 30.0), hogels=(81, 61))
 _CAR_RECENTERED = replace(
     _RECENTERED, screen=Screen(height=-60.0, center=(4.0, -8.0), size=(100.0, 80.0))
 )
 
 # A two-step hologram (paper, section 2): the plate is the master in the view zone, and its content
-# lies about the plane in which the transfer will be placed. All apertures project the rectangle of
-# the transfer.
+# is around the plane of the transfer. All apertures project the rectangle of the transfer.
 _TRANSFER_HEIGHT, _CAR_MIDDLE = -150.0, -17.0
 _TRANSFER = Frustum(
     resolution=(512, 384),
@@ -46,7 +46,7 @@ _TRANSFER = Frustum(
 
 
 def _made_by(module: str, function: str, *arguments: object, **named: object) -> Callable[[], Any]:
-    """Return a call of a function of a module of `scenes`, which is loaded only then."""
+    """Return a callable that loads a module of `scenes` and calls one of its functions."""
     return lambda: getattr(import_module(f"xfrustum.scenes.{module}"), function)(
         *arguments, **named
     )
@@ -57,10 +57,10 @@ _GRAY = _made_by("appearance.appearance", "Appearance")
 
 @dataclass(frozen=True)
 class BuiltinScene:
-    """One entry of the catalogue; functions make its objects and its look, in scene coordinates."""
+    """Entry of the catalogue, with functions that make its objects and its appearance."""
 
     name: str
-    triangles: int  #: of all objects, stated so that the scenes can be listed without being built
+    triangles: int  #: number of all objects, so that scenes can be listed without being built
     purpose: str  #: description in one line; for a hard case, the reason why it is hard
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate = _PLATE
@@ -85,7 +85,7 @@ class BuiltinScene:
 
 
 def _transferred_car() -> tuple[SceneObject, ...]:
-    """Return the car about the transfer plane: all of it lies behind the plate, the master."""
+    """Return the car around the transfer plane, completely behind the plate (the master)."""
     from xfrustum.scenes.geometry.shapes import place, placement  # noqa: PLC0415 - loads NumPy
     from xfrustum.scenes.library.car import car  # noqa: PLC0415 - likewise
 
@@ -156,5 +156,5 @@ def listing() -> list[BuiltinScene]:
 
 @cache
 def build(name: str) -> Scene:
-    """Return the built-in scene of a name in `SCENES`, which is made only once."""
+    """Return the built-in scene of a name in `SCENES`; each scene is made only once."""
     return SCENES[name].build()

@@ -1,8 +1,8 @@
 """A car of about 42,000 triangles: plain, and in a studio.
 
-In its own frame x is to the side, y up and z forward, in millimeters; the wheels stand on y = 0,
-and it is 100 long, 42 wide and 32 high. Drawn for this project: `car.npz` beside this module has
-vertices in nanometers, faces, and the faces of wheels that belong to rims.
+In the car's coordinates x is to the side, y up and z forward, in millimeters. The wheels stand on
+y = 0, and the car is 100 long, 42 wide and 32 high. It was modeled for this project: `car.npz`
+beside this module has vertices in nanometers, faces, and the faces of wheels that belong to rims.
 """
 
 from dataclasses import replace
@@ -94,8 +94,7 @@ def surroundings(height: int = 256) -> Environment:
     latitude, longitude = 90 - 180 * rows[:, None], 360 * columns[None, :] - 180
     rise = np.clip(latitude / 90, 0, 1)[..., None]
     sky = (1 - rise) * [0.62, 0.66, 0.7] + rise * [0.12, 0.2, 0.42]
-    # The ground is brighter toward the right, but has one brightness at the pole, where longitudes
-    # meet.
+    # The ground is brighter toward the right, but uniform at the pole, where all longitudes meet.
     aside = np.sin(np.radians(longitude)) * np.cos(np.radians(latitude))
     ground = (0.16 + 0.05 * aside)[..., None] * [1.0, 0.85, 0.7]
     horizon = _smooth_step(latitude, 0.0, width=6.0)[..., None]

@@ -1,4 +1,4 @@
-"""Hard cases: scenes at which renderers of crossed frusta fail (docs/hard-cases.md)."""
+"""Hard cases: scenes on which renderers of crossed frusta fail (docs/hard-cases.md)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,12 +25,12 @@ from xfrustum.scenes.library.targets import asymmetric
 
 Objects = tuple[SceneObject, ...]
 REACH = 128.0  #: reach on both sides, in millimeters
-#: Plate whose apertures lie at x and y of -16, -8, 0, 8 and 16; the middle one lies at the origin.
+#: Plate with apertures at x and y of -16, -8, 0, 8 and 16; the middle aperture is at the origin.
 PLATE = Plate(size=(40.0, 40.0), hogels=(5, 5))
 
-#: Frustum in which every slope is a multiple of 1/128: through the origin, an odd one from -63/128
-#: to 63/128. It has a screen and not an angle, because no angle in radians has the tangent 1/2
-#: exactly.
+#: Frustum in which every slope is a multiple of 1/128; through the origin, an odd multiple from
+#: -63/128 to 63/128. It is defined by a screen and not by an angle, because no double has the
+#: tangent 1/2 exactly.
 FRUSTUM = Frustum(
     resolution=(64, 64),
     reach=(REACH, REACH),
@@ -40,7 +40,7 @@ FRUSTUM = Frustum(
 
 @dataclass(frozen=True)
 class HardCase(BuiltinScene):
-    """One scene at which a renderer may fail, with the content of its true image."""
+    """Scene on which a renderer may fail, with the content of its true image."""
 
     plate: Plate = PLATE
     frustum: Frustum = FRUSTUM
@@ -57,7 +57,7 @@ Maker = Callable[[], Objects]
 def _case(
     name: str, triangles: int, why: str, expected: str, **how: Any
 ) -> Callable[[Maker], Maker]:
-    """Return a decorator that adds a function, which makes a case's objects, to the suite."""
+    """Return a decorator that adds a case to the suite, made by the decorated function."""
 
     def entered(objects: Maker) -> Maker:
         _CASES[f"hard/{name}"] = HardCase(
@@ -79,7 +79,7 @@ def listing() -> list[BuiltinScene]:
 
 
 def build(name: str) -> Scene:
-    """Return the scene of a case, made anew: the largest takes hundreds of megabytes."""
+    """Return the scene of a case, without a cache: the largest takes hundreds of megabytes."""
     return CASES[name].build()
 
 
@@ -102,7 +102,7 @@ def loose(name: str, triangles: Sequence[ArrayLike] | Floats) -> SceneObject:
 
 
 def film_rectangle(columns: tuple[float, float], rows: tuple[float, float], s: ArrayLike) -> Floats:
-    """Return two triangles over a film rectangle; s is one number or four, clockwise."""
+    """Return two triangles that cover a film rectangle; s is one number, or four, clockwise."""
     left, right = columns
     top, bottom = rows
     corners = on_line([left, right, right, left], [top, top, bottom, bottom], s)
@@ -165,7 +165,8 @@ THROUGH_COLUMN, THROUGH_ROW = 40, 20
     "the surface at height 0 in every pixel but that column, which shows the wall behind",
 )
 def _surface_through_aperture() -> Objects:
-    # The triangle lies in the plane of all lines of one column, hence exactly through the aperture.
+    # The triangle is in the plane of all lines of one column, and therefore passes exactly through
+    # the aperture.
     corners = on_line(THROUGH_COLUMN, 0, [-64.0, -64.0, 96.0])
     corners[:, 1] = (-48.0, 48.0, 0.0)
     return loose("surface", [corners]), wall()
@@ -179,7 +180,7 @@ def _surface_through_aperture() -> Objects:
     apertures=((2, 2), (3, 2)),
 )
 def _vertex_on_aperture() -> Objects:
-    # The sides have slopes of 1/4 = 32/128, between two columns: no pixel's line lies in a side.
+    # The sides have slopes of 1/4 = 32/128, between two columns: no pixel's line is in a side.
     base = [(16.0, 16.0, -64.0), (-16.0, 16.0, -64.0), (-16.0, -16.0, -64.0), (16.0, -16.0, -64.0)]
     vertices: Floats = np.array([(0.0, 0.0, 0.0), *base])
     faces = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (1, 4, 3), (1, 3, 2)])
@@ -215,7 +216,7 @@ def _triangle_in_plate() -> Objects:
 # Depth order: coincident and nearly coincident sheets, and the ends of the reach
 
 #: Separations of the nearly coincident sheets, column by column, as fractions of `SHEET_DISTANCE`.
-#: In one more column each corner is a single step of a double apart.
+#: In one more column the separation of each corner is one ULP.
 SEPARATIONS = (1e-3, 1e-6, 1e-9, 1e-12)
 SHEET_DISTANCE = 64.0  #: distance of the sheets from the plate, at their top left corners
 SHEET_ROWS = (
@@ -273,7 +274,7 @@ def _nearly_coincident() -> Objects:
     lower, upper = [], []
     for side, rows in zip((1, -1), SHEET_ROWS, strict=True):
         for index in range(len(SEPARATIONS) + 1):
-            # The sheets lean and are bent: the pixels of a flat sheet would be all right or all
+            # The sheets are inclined and bent: the pixels of a flat sheet would be all right or all
             # wrong.
             depth = side * SHEET_DISTANCE * np.array([1.0, 1.125, 1.25, 1.0625])
             sheet = film_rectangle(sheet_columns(index), rows, depth)
@@ -291,8 +292,8 @@ def _nearly_coincident() -> Objects:
     )
 
 
-#: First and last column of the sheets exactly at the reach, and of those one step of a double
-#: beyond it. The rows of the sheets behind and in front of the plate have the same numbers.
+#: First and last column of the sheets exactly at the reach, and of the sheets one ULP beyond it.
+#: The rows of the sheets behind and in front of the plate are numbered likewise.
 AT_REACH = ((2.5, 30.5), (34.5, 62.5))
 
 
@@ -337,11 +338,9 @@ _case(
 
 # Degenerate triangles: edge-on, needles, without area, doubled, tiny
 
-#: Column whose lines lie in a triangle, and column of a triangle that is turned by `TURN` at either
-#: end.
+#: Column whose lines lie in a triangle, and column of a triangle whose ends are moved by `TURN`.
 EDGE_ON_COLUMN, TURNED_COLUMN = 20, 44
-#: Distance in x by which the ends are moved: the step of doubles from 8 to 16, where the far end
-#: lies.
+#: Distance in x by which the ends are moved: one ULP of numbers from 8 to 16, such as the far end.
 TURN = 2.0**-49
 #: Half the turned triangle's height where it crosses its column's lines, and the depth there.
 TURNED_HALF_HEIGHT, TURNED_MIDDLE = 10.0, 48.0
@@ -411,8 +410,8 @@ def _zero_area() -> Objects:
 )
 def _duplicates() -> Objects:
     box = place(build_shape("box"), placement(24.0, (20.0, 35.0, 10.0), (3.0, -2.0, -56.0)))
-    # All faces come twice on shared vertices, the second time wound the other way, and a third time
-    # with separate vertices.
+    # All faces exist three times: twice on shared vertices, with opposite winding, and once with
+    # separate vertices.
     faces = np.concatenate([box.faces, box.faces[:, ::-1]])
     return as_object("faces twice", (box.vertices, faces)), loose(
         "vertices twice", box.vertices[box.faces]

@@ -18,10 +18,10 @@ Vector = tuple[float, float, float]
 
 
 def asymmetric() -> tuple[SceneObject, ...]:
-    """Return different parts on both sides of the plate; no symmetry maps one to another.
+    """Return different parts on the two sides of the plate, without any symmetry.
 
-    The torus in front hides the box behind from the middle aperture; the bar crosses the plate next
-    to the aperture.
+    Seen from the middle aperture, the torus in front hides the box behind. The bar crosses the
+    plate next to this aperture.
     """
     corners, faces = shapes.box()
     along = corners[:, 2:] + 0.5
@@ -44,7 +44,7 @@ def _shape(name: str, size: float, rotate_deg: Vector, center: Vector) -> SceneO
 
 
 def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
-    """Return a letter F with strokes of different depths: no rotation equals a mirror image."""
+    """Return a letter F with strokes of different depths: it has no mirror symmetry."""
     strokes = [
         ((-1.5, 0.0, 0.0), (1.0, 6.0, 1.0)),
         ((0.5, 2.5, 0.5), (3.0, 1.0, 2.0)),
@@ -69,7 +69,7 @@ def sheets(*, reach: float) -> tuple[SceneObject, ...]:
     Seen from the middle aperture, the pairs behind the plate fill the left half of the film and
     those in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns
     `SHEET_SEPARATIONS` from the left. In every cell the upper sheet covers the left 7/10 and the
-    lower one the right 7/10, so both show, and where they overlap a wrong order shows too.
+    lower sheet the right 7/10. Both are visible, and a wrong order is visible in the overlap.
     """
     upper, lower = [], []
     for side, first_column in ((-1, 0), (1, len(SHEET_SEPARATIONS))):
@@ -94,8 +94,8 @@ _CELL_FILLED = 0.9
 def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes.Mesh:
     """Return the sheet that fills a part of the width of a film cell from height z.
 
-    It leans about the cell's middle, because a sheet of one depth would be all right or all wrong;
-    pairs are parallel.
+    It is inclined about the cell's middle, because a sheet of constant depth would be all right or
+    all wrong. Pairs are parallel.
     """
     grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
     low, high = _SHEET_SLOPES
@@ -105,17 +105,18 @@ def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes
     middle = [-z * (low + step * (c + 0.5)) for step, c in zip(per_cell, cell, strict=True)]
     corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
     lean = (corners[:, 0] - middle[0]) * _LEAN[0] + (corners[:, 1] - middle[1]) * _LEAN[1]
-    # Both axes change sign in front of the plate, which is half a turn: the winding stays.
+    # In front of the plate both axes change sign. This is a rotation by 180 degrees, which keeps
+    # the winding.
     return np.column_stack([corners, z + lean]), shapes.triangulate(np.array([(0, 1, 2, 3)]))
 
 
 def crossing() -> tuple[SceneObject, ...]:
     """Return a steep wave exactly through the origin, with a ball in front and a box behind.
 
-    About the origin it is the plane z = 2 x, the origin off every edge: all lines of the middle
-    aperture meet it in the plate itself. Cells shrink toward it by powers of two: near planes meet
-    the plate in a window as small as n, and float32 places a corner relative to its distance from
-    the origin.
+    Around the origin the wave is the plane z = 2 x, and the origin is not on an edge: all lines of
+    the middle aperture meet it in the plate itself. Cells shrink toward the origin by powers of
+    two, because near planes meet the plate in a window as small as n, and the float32 error of a
+    corner is relative to its distance from the origin.
     """
     shrinking = 2.0 ** -np.arange(1, 6)
     x = np.concatenate(
@@ -125,7 +126,7 @@ def crossing() -> tuple[SceneObject, ...]:
         [np.linspace(-31.5, -1.5, 25), -1.5 * shrinking, shrinking[::-1], np.linspace(1, 31, 25)]
     )
     columns, rows = np.meshgrid(x, y)
-    # The wave is zero at the four corners about the origin and full a few millimeters away.
+    # The amplitude is zero at the four corners around the origin, and full a few millimeters away.
     distance = np.maximum(np.maximum(columns - 2, -1 - columns), np.maximum(rows - 1, -1.5 - rows))
     fade = np.clip(distance / 6, 0, 1)
     wave = fade * (9 * np.sin(0.31 * rows + 0.4) + 6 * np.sin(0.23 * columns - 0.37 * rows))
@@ -140,8 +141,8 @@ def crossing() -> tuple[SceneObject, ...]:
 def large_triangles() -> tuple[SceneObject, ...]:
     """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
 
-    Each crosses the plate next to the middle aperture, which sees at most a hundredth of it: the
-    rest must be clipped.
+    Each triangle crosses the plate next to the middle aperture, from which at most a hundredth of
+    it is visible: the rest must be clipped.
     """
     large = {
         "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
@@ -161,8 +162,8 @@ def large_triangles() -> tuple[SceneObject, ...]:
     )
 
 
-#: Center and radius of each sphere: one behind the plate, one in front of it, neither hiding the
-#: other.
+#: Center and radius of each sphere, one behind the plate and one in front; they do not overlap on
+#: the film.
 MIRROR_SPHERES: tuple[tuple[Vector, float], ...] = (
     ((-11.0, 7.0, -72.0), 24.0),
     ((-20.0, 17.0, 60.0), 10.0),
@@ -173,8 +174,8 @@ _BLACK = (0.0, 0.0, 0.0)
 def mirror_spheres() -> tuple[SceneObject, ...]:
     """Return the mirror spheres, in facets of about two degrees.
 
-    Normals have the length of the radius: interpolated, they point exactly from the center to the
-    point on the facet.
+    Normals have the length of the radius, so that an interpolated normal points exactly from the
+    center to the point on the facet.
     """
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
@@ -194,7 +195,7 @@ def mirror() -> Appearance:
     )
 
 
-#: Slope of the bars relative to rows and columns of pixels: no column follows an edge.
+#: Slope of the bars relative to rows and columns of pixels, so that no column follows an edge.
 GRATING_LEAN = 0.07
 GRATING_HEIGHT = 30.0
 BACKDROP_HEIGHT = -60.0
@@ -207,9 +208,9 @@ FINE, COARSE = 0.5, 4.0
 def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
     """Return almost upright bars in front of the plate, and almost level bars behind it.
 
-    Brightness rises and falls linearly from 0 to 1: to the left of the middle (above it, behind the
-    plate) with period `FINE`, to the right (below) `COARSE`, black at the middle. `pitch` is the
-    pitch of hogels along x and y.
+    Brightness is a triangle wave from 0 to 1, black at the middle. The period is `FINE` to the left
+    of the middle (behind the plate: above it), and `COARSE` to the right (below). `pitch` is the
+    hogel pitch along x and y.
     """
     return (
         _bars(
@@ -226,7 +227,7 @@ def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
 
 
 def _periods(pitch: float, extent: float) -> Floats:
-    """Return the turns of brightness: coarse below 0, fine above, 0 among them."""
+    """Return the extrema of brightness, including 0: coarse below 0, fine above."""
     coarse = np.arange(-int(extent / (COARSE * pitch / 2)), 0) * COARSE / 2
     fine = np.arange(int(extent / (FINE * pitch / 2)) + 1) * FINE / 2
     return np.concatenate([coarse, fine]) * pitch

@@ -1,4 +1,4 @@
-"""Mesh files as scene objects: each feature is shown, listed as unread, or refused.
+"""Mesh files as scene objects: each feature is read, listed as unread, or refused.
 
 mesh_file       One mesh file as one object: reader by suffix, checks of all formats
 content         Result of a reader: parts, unread features, textures; placing of normals

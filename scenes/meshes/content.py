@@ -1,4 +1,4 @@
-"""Content of a mesh file: its parts, in its own coordinates, their textures, decoded once each."""
+"""Content of a mesh file: parts, in the file's coordinates, and textures, each decoded once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from xfrustum.scenes.disk.input_files import check_picture_size, open_image, rea
 from xfrustum.scenes.geometry.shapes import cofactors
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
 
-#: Errors that Pillow's plugins raise for damage and for variants without a decoder.
+#: Errors that Pillow's plugins raise for damaged files and for variants without a decoder.
 _DAMAGED = (
     ArithmeticError, EOFError, LookupError, OSError, RuntimeError, SyntaxError, TypeError,
     ValueError,
@@ -29,7 +29,7 @@ _DAMAGED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshPart:
-    """Placed triangles of one mesh of a file; parts of one picture share a texture."""
+    """Placed triangles of one mesh of a file; parts with the same picture share a texture."""
 
     vertices: Floats  #: (V, 3) double precision
     faces: Indices  #: (F, 3) int64 indices into `vertices`
@@ -51,7 +51,7 @@ class MeshContent:
 
 
 def unit_normals(normals: Floats) -> Floats:
-    """Return (V, 3) unit normals, NaN where one is zero or not finite."""
+    """Return (V, 3) unit normals; NaN for normals that are zero or not finite."""
     with np.errstate(over="ignore"):
         length = np.linalg.norm(normals, axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)
@@ -61,9 +61,10 @@ def unit_normals(normals: Floats) -> Floats:
 def carried(
     matrices: Floats, faces: Indices, normals: Floats | None
 ) -> tuple[Indices, Floats | None]:
-    """Return faces (N, F, 3) and normals (N, V, 3) at the places of (N, 3, 3) matrices.
+    """Return faces (N, F, 3) and normals (N, V, 3) transformed by (N, 3, 3) matrices.
 
-    A mirror reverses the winding, so that the outside stays outside; normals stay on that side.
+    For a matrix that mirrors, the winding is reversed, so that the outside remains outside; normals
+    remain on the outside.
     """
     mirrored = np.linalg.det(matrices) < 0
     placed = np.repeat(faces[None], len(matrices), axis=0)
@@ -86,7 +87,7 @@ def decode_textures(
     pictures: list[Bytes] = []
     unread: list[UnreadFeature] = []
     numbers: dict[tuple[int, str | None, bool], int] = {}
-    # Parts with the same picture share it: a texture of thousands of primitives is decoded once.
+    # Parts share equal pictures, so that a texture of thousands of primitives is decoded once.
     keys = [(id(part.picture), part.texture, part.uv is None) for part in parts]
     for key, part in dict(zip(keys, parts, strict=True)).items():
         picture, name = part.picture, part.texture
@@ -108,13 +109,13 @@ def decode_textures(
 
 
 def _pixels(path: Path, picture: Any) -> Bytes | None:
-    """Return the pixels (H, W, 4) of a Pillow image; None if it is damaged, or of 32 bits."""
+    """Return the pixels (H, W, 4) of a Pillow image; None if damaged or with 32-bit channels."""
     check_picture_size(path, *picture.size)  # pictures within glTF files too
-    with suppress(*_DAMAGED):  # Pillow decodes only here, and only then detects damage
+    with suppress(*_DAMAGED):  # Pillow decodes, and detects damage, only here
         if picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
             gray = np.round(np.asarray(picture).astype(np.float64) / 257).astype(np.uint8)
             return np.dstack([gray, gray, gray, np.full_like(gray, 255)])
-        if picture.mode not in ("I", "F"):  # 32 bits a pixel have any scale
+        if picture.mode not in ("I", "F"):  # pixels of 32 bits have no defined scale
             return np.array(picture.convert("RGBA"), dtype=np.uint8)
     return None
 
@@ -140,7 +141,7 @@ def open_picture(path: Path, name: str) -> Any:
 
 
 def opened(data: bytes) -> Any:
-    """Return the undecoded Pillow image of some bytes; None if it cannot be opened."""
+    """Return the undecoded Pillow image of encoded bytes; None if it cannot be opened."""
     with suppress(*_DAMAGED):
         return open_image(io.BytesIO(data))
     return None
@@ -149,8 +150,9 @@ def opened(data: bytes) -> Any:
 def linear_colors(stored: NDArray[Any]) -> Floats:
     """Return (V, 3) linear RGB of stored sRGB, alpha ignored.
 
-    Numbers of 8 and 16 bits are shares of the largest. Others are shares of 255 if any is above 1,
-    as some exporters of OBJ and PLY write, else of one. They are clipped, NaN to 0.
+    Integers of 8 and 16 bits are divided by their largest value. Other numbers are divided by 255
+    if any exceeds 1, as some exporters of OBJ and PLY write. Results are clipped to 0..1, and NaN
+    becomes 0.
     """
     color = stored[:, :3].astype(np.float64)
     if stored.dtype in (np.uint8, np.uint16):

@@ -1,8 +1,8 @@
 """glTF files: nodes, instances, morph targets and skins at rest, in double precision.
 
-Parts are placed node by node: a node before its children, siblings last to first, as trimesh
-numbers them (CONVENTIONS.md). The number of triangles is computed from the document before any is
-placed.
+Parts are placed node by node, in trimesh's order (CONVENTIONS.md): a node before its children,
+siblings from last to first. The number of triangles is computed from the document before any
+triangle is placed.
 """
 
 from __future__ import annotations
@@ -55,14 +55,15 @@ _CHANGING_GEOMETRY = {
     "EXT_primitive_voxels", "KHR_implicit_shapes", "KHR_meshopt_compression", "MPEG_accessor_timed",
     "MPEG_buffer_circular", "MPEG_mesh_linking",
 }  # fmt: skip
-#: Names of extensions that change only looks.
+#: Names of extensions that change only the appearance.
 _LOOKS = re.compile(r"(KHR|EXT|MSFT|ADOBE|NV)_(materials|texture|lights|packing|xmp)\w*")
-#: Number of simultaneous arrays of doubles for each array of the result.
+#: Number of double arrays in memory at the same time for each array of the result.
 _COPIES = 3
 #: Bytes of memory of one primitive of a node, without its arrays, and of one instance.
 _MEMORY_PER_PART, _MEMORY_PER_INSTANCE = 4000, 512
-#: Largest difference of a sum of joint weights from one. Beyond it, viewers that divide by the sum
-#: and viewers that do not may differ by more than a thousandth of a vertex's position.
+#: Largest difference of a sum of joint weights from one. For larger differences, vertices differ by
+#: more than a thousandth of their position between viewers that normalize weights and viewers that
+#: do not.
 _WEIGHT_TOLERANCE = 1e-3
 _NO_TRIANGLES = UnreadFeature("points and lines", "are not shown")
 
@@ -81,7 +82,7 @@ class _Local:
 
 
 def read_gltf(path: Path) -> MeshContent:
-    """Read a .gltf or .glb file; InputError at a broken format or a feature not read."""
+    """Read a .gltf or .glb file; InputError if it is invalid or needs an unread feature."""
     gltf = open_gltf(path)
     unread = _unread_extensions(gltf)
     look = cache(partial(_look_of, gltf, cache(partial(_picture_of, gltf))))
@@ -109,7 +110,7 @@ def read_gltf(path: Path) -> MeshContent:
 
 
 def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
-    """Return extensions not honoured; refuse the required ones and changes of geometry."""
+    """Return unread extensions; refuse required extensions and those that change geometry."""
     tree = gltf.tree
     primitives = [primitive for mesh in tree.meshes for primitive in mesh.primitives]
     extended: list[Any] = [tree, *tree.nodes, *tree.meshes, *primitives, *tree.skins, *tree.scenes]
@@ -148,7 +149,7 @@ def _local_matrix(gltf: Gltf, node: Node) -> Floats:
 
 
 def _matrices(translation: Any, rotation: Any, scale: Any, *, count: int) -> Floats:
-    """Return (count, 4, 4) matrices that scale, then rotate, then translate; None skips a step."""
+    """Return (count, 4, 4) matrices that scale, rotate, then translate; None skips a step."""
     matrices = np.tile(np.eye(4), (count, 1, 1))
     if rotation is not None:
         # trimesh expects w first, glTF stores it last; the quaternion is made a unit quaternion.
@@ -162,7 +163,7 @@ def _matrices(translation: Any, rotation: Any, scale: Any, *, count: int) -> Flo
 
 
 def _world_matrices(gltf: Gltf) -> list[Floats]:
-    """Return the (4, 4) matrix of every node; refuse cycles and children of two parents."""
+    """Return the (4, 4) matrix of every node; refuse cycles and nodes with two parents."""
     nodes = gltf.tree.nodes
     parents: dict[int, int] = {}
     for number, node in enumerate(nodes):
@@ -179,7 +180,7 @@ def _world_matrices(gltf: Gltf) -> list[Floats]:
         own = _local_matrix(gltf, nodes[number])
         worlds[number] = own if number not in parents else worlds[parents[number]] @ own
         waiting += nodes[number].children
-    # Nodes of a cycle all have parents: no root leads to them.
+    # Every node of a cycle has a parent, so that no root leads to it.
     if len(worlds) < len(nodes):
         raise gltf.error("nodes are their own children")
     return [worlds[number] for number in range(len(nodes))]
@@ -207,7 +208,7 @@ def _visible_meshes(gltf: Gltf) -> Iterator[tuple[int, int]]:
 
 
 def _instances(gltf: Gltf, node: Node) -> int:
-    """Return the number of places of a node's mesh."""
+    """Return the number of instances of a node's mesh."""
     instancing = node.instancing
     if instancing is None:
         return 1
@@ -221,7 +222,7 @@ def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
     """Raise InputError if the triangles of all nodes and instances take too much memory."""
 
     def size(primitive: Primitive) -> int:
-        # Counts come from the document, before any data is decoded.
+        # Counts are read from the document, before any data is decoded.
         names = primitive.attributes
         if "POSITION" not in names:
             return 0
@@ -294,7 +295,7 @@ def _local(
                 values = values + weight * read(target[name], *widths)
         return values
 
-    # The format requires min and max of positions: redundancy that exposes misread data.
+    # The format requires min and max of positions. This redundancy detects misread data.
     gltf.check_bounds(names["POSITION"])
     faces, used = _faces(gltf, primitive, count), np.ones(count, np.bool_)
     if primitive.indices is not None:  # primitives may share one large array
@@ -308,7 +309,7 @@ def _local(
         shares = attribute(name.replace("JOINTS", "WEIGHTS"), 4, shares=True)
         if shares is None or gltf.accessor(names[name]).count != count:
             raise gltf.error("joints of a skin have no weights")
-        # Joints are stored as numbers; weights are shares, declared normalized or not.
+        # Joints are stored as integers. Integer weights are shares even if not declared normalized.
         joints.append((gltf.stored(names[name], 4)[used].astype(np.int64), shares))
     points = attribute("POSITION", 3)
     assert points is not None  # the name is there
@@ -351,7 +352,7 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
 def _placing(
     gltf: Gltf, node: Node, worlds: Sequence[Floats], number: int
 ) -> Callable[[_Local], MeshPart]:
-    """Return the function that places the primitives of a node's mesh."""
+    """Return a function that places the primitives of a node's mesh."""
     instancing = node.instancing
     if node.skin is not None:
         if instancing is not None:
@@ -404,8 +405,8 @@ def _skinned(gltf: Gltf, joints: Floats, local: _Local) -> MeshPart:
             matrices += shares[:, column, None, None] * joints[numbers[:, column]]
     linear = matrices[:, :3, :3]
     vertices = np.einsum("vij,vj->vi", linear, local.points) + matrices[:, :3, 3]
-    # The specification leaves the winding open where joints mirror. A triangle is turned if all of
-    # its corners are mirrored, so that the outside stays outside.
+    # The specification does not define the winding if joints mirror. A triangle is reversed if all
+    # its corners are mirrored, so that the outside remains outside.
     mirrored = np.linalg.det(linear) < 0
     turned = mirrored[local.faces].all(axis=1)
     faces = np.where(turned[:, None], local.faces[:, ::-1], local.faces)
@@ -464,7 +465,7 @@ class _Look:
 
 
 def _unread_extension(name: str) -> UnreadFeature:
-    """Return the entry of an extension that is not honoured."""
+    """Return the list entry of an unread extension."""
     if name == "KHR_materials_pbrSpecularGlossiness":
         return UnreadFeature(name, "is not shown: colors are those of the core material")
     if "_materials_" in name:
@@ -473,7 +474,7 @@ def _unread_extension(name: str) -> UnreadFeature:
 
 
 def _look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: int) -> _Look:
-    """Return the look of a material of a file, its textures as of `picture_of`."""
+    """Return the look of a material of a file, with textures from `picture_of`."""
     material = gltf.entry(gltf.tree.materials, index, "material")
     rough = material.pbr_metallic_roughness
     factor, info = rough.base_color_factor[:3], rough.base_color_texture

@@ -1,7 +1,8 @@
 """Document, buffers and accessors of a glTF file (glTF 2.0, sections 3.4 to 3.6, 3.7.2 and 4.4).
 
-The models hold the part of the schema that is read. pydantic refuses wrong types, negative numbers,
-NaN and deep nesting; bounds between tables, views and buffers are checked where data are read.
+The models contain the part of the schema that is read. pydantic refuses wrong types, negative
+numbers, NaN and deep nesting. References between tables, views and buffers are checked when data
+are read.
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ class Roughness(_Model):
 
 
 class Material(_Model):
-    """Material, of which the base color is read."""
+    """Material; only the base color is read."""
 
     pbr_metallic_roughness: Roughness = Roughness()
     alpha_mode: str = "OPAQUE"
@@ -151,14 +152,14 @@ class TextureSource(_Model):
 
 
 class Texture(TextureSource):
-    """Texture: an image; an extension may name another."""
+    """Texture: number of an image; an extension may refer to another image."""
 
     sampler: Natural | None = None
     webp: Annotated[TextureSource | None, _extension("EXT_texture_webp")] = None
 
 
 class Sampler(_Model):
-    """Behavior of a texture outside of [0, 1]."""
+    """Wrapping of a texture outside [0, 1]."""
 
     wrap_s: int = 10497
     wrap_t: int = 10497
@@ -188,7 +189,7 @@ class BufferView(_Model):
 
 
 class SparseValues(_Model):
-    """Place of the values, or of the indices, of a sparse accessor."""
+    """Location of the values, or of the indices, of a sparse accessor."""
 
     buffer_view: Natural
     byte_offset: Natural = 0
@@ -218,7 +219,7 @@ class Accessor(_Model):
 
 
 class Asset(_Model):
-    """Version of the format, and the oldest that a reader must have."""
+    """Version of the format, and the oldest version that a reader must support."""
 
     version: str
     min_version: str = "2.0"
@@ -245,7 +246,7 @@ class Tree(_Model):
     extensions_required: tuple[str, ...] = ()
 
 
-#: Relative rounding of numbers with six significant digits, the fewest that exporters write.
+#: Relative rounding error of six significant digits, the fewest that exporters write.
 _PRINTED = 5e-6
 
 _Item = TypeVar("_Item")
@@ -276,9 +277,9 @@ class Gltf:
         return self.entry(self.tree.accessors, index, "accessor")
 
     def values(self, index: int, *widths: int, shares: bool = False) -> Floats:
-        """Return the numbers of `stored` as doubles, normalized integers divided.
+        """Return the numbers of `stored` as doubles; normalized integers become 0..1 or -1..1.
 
-        `shares` divides integers that are not declared normalized too.
+        `shares` also normalizes integers that are not declared normalized.
         """
         stored = self.stored(index, *widths)
         values = stored.astype(np.float64)
@@ -287,9 +288,9 @@ class Gltf:
         return values
 
     def stored(self, index: int, *widths: int) -> NDArray[Any]:
-        """Return the (count, widths[0]) numbers of an accessor as stored, sparse ones applied.
+        """Return the (count, widths[0]) numbers of an accessor as stored, with sparse values.
 
-        It may have one of several widths; the first is the smallest.
+        The accessor must have one of `widths`; the first is the smallest.
         """
         accessor = self.accessor(index)
         width = _WIDTHS[accessor.type]
@@ -338,11 +339,11 @@ class Gltf:
         return self.stored(index, 1)[:, 0].astype(np.int64)
 
     def check_bounds(self, index: int) -> None:
-        """Raise InputError if `min` and `max` of vectors differ from their data."""
+        """Raise InputError if `min` and `max` of vectors do not match the data."""
         accessor = self.accessor(index)
         stored = self.stored(index, 3)
         # Draco quantizes positions, so that their bounds differ slightly.
-        if index in self.decoded:  # bounds are mostly those from before the compression
+        if index in self.decoded:  # bounds are usually from before the compression
             return
         for name, declared in (("min", accessor.min), ("max", accessor.max)):
             if declared is None or not len(stored):
@@ -417,8 +418,8 @@ def open_gltf(path: Path) -> Gltf:
     if len(data) >= 12 and struct.unpack_from("<I", data)[0] == _MAGIC:
         text, binary = _chunks(path, data)
     document = bytes(text).removeprefix(codecs.BOM_UTF8)
-    # pydantic keeps all objects in memory at once: count braces; braces in strings only raise the
-    # estimate.
+    # pydantic keeps all objects in memory at once. Braces estimate their number; braces in strings
+    # only raise it.
     objects = document.count(b"{")
     input_files.check_declared(path, objects * _MEMORY_PER_OBJECT, f"{objects:,} objects of JSON")
     try:

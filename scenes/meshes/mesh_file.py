@@ -1,6 +1,7 @@
 """One mesh file as one object: the reader of its format, and the checks that all formats share.
 
-Faces are numbered by CONVENTIONS.md; values that a library invents are not drawn (docs/adr/0007).
+Faces are numbered as CONVENTIONS.md states. Values that a library invents are not used
+(docs/adr/0007).
 """
 
 from __future__ import annotations
@@ -52,10 +53,10 @@ _REFUSED = {
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     """Read a mesh file as one object, in the mesh's own coordinates.
 
-    Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`, a part used twice
-    counted twice. Parts are joined here, because trimesh would pack their textures into an atlas
-    that cannot repeat. Raises InputError if the file is missing, of another type, damaged, without
-    triangles, or where it holds geometry that the reader does not honour.
+    Faces are numbered as in trimesh's `load(path, process=False, force="mesh")`; a part that is
+    used twice counts twice. Parts are joined here, because trimesh would pack their textures into
+    an atlas, in which textures cannot repeat. Raises InputError if the file is missing, of another
+    type, damaged, without triangles, or has geometry that the reader does not support.
     """
     input_files.check_mesh_file(path)
     with input_files.bounded_memory(path):
@@ -67,11 +68,11 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
         offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
         vertices = np.concatenate([part.vertices for part in parts])
         faces = np.concatenate([part.faces + at for part, at in zip(parts, offsets, strict=True)])
-        # Attributes of parts without them are NaN, or white for colors.
+        # Missing attributes of parts are NaN, or white for colors.
         uv = _joined(parts, (part.uv for part in parts), (np.nan, np.nan))
         pictures, texture_of_triangle, not_shown = decode_textures(path, parts)
         if texture_of_triangle is not None and uv is not None:
-            # A triangle shows no texture if a corner lacks texture coordinates.
+            # A triangle has no texture if a corner lacks texture coordinates.
             texture_of_triangle[np.isnan(uv[faces]).any(axis=(1, 2))] = UNTEXTURED
         return SceneObject(
             name=str(path),

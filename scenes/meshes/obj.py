@@ -1,6 +1,6 @@
 """Wavefront OBJ (Advanced Visualizer Manual, B1): polygons with textures, normals and colors.
 
-Triangles are numbered as trimesh numbers them: materials from the last one to the first.
+Triangles are numbered in trimesh's order: materials from the last to the first.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from xfrustum.scenes.meshes.text_lines import (
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.representation import counted
 
-#: Statements of surfaces that are not polygons, and of files and commands.
+#: Statements of surfaces other than polygons, of other files, and of commands, with reasons.
 _REFUSED: Final = {
     **dict.fromkeys(("surf", "bzp", "bsp", "cdp"), "a free-form surface; export polygons"),
     **dict.fromkeys(("call", "csh"), "another file or a command; write its content into this file"),
@@ -52,12 +52,12 @@ _CURVES: Final = {
     "curv", "curv2", "vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp",
     "end", "con", "ctech", "stech", "res", "cdc",
 }  # fmt: skip
-#: Names, groups and hints for other renderers: they have no effect on geometry.
+#: Names, groups and hints for other renderers, without effect on geometry.
 _NAMES: Final = {
     "o", "g", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "maplib",
     "usemap", "mtllib", "usemtl", "s",
 }  # fmt: skip
-#: Statements that are listed as unread, because they have no surface.
+#: Statements of objects without a surface, which are listed as unread.
 _FLAT: Final = {"lines (l)": {"l"}, "points (p)": {"p"}, "free-form curves": _CURVES}
 _DRAWN: Final = ("v", "vt", "vn", "f")
 _POINT, _TEXTURE, _NORMAL = 0, 1, 2  # indices of a corner, in the order of a file
@@ -83,12 +83,13 @@ class _Tables:
 
 
 def read_obj(path: Path) -> MeshContent:
-    """Read an OBJ file; InputError with the line where it is damaged or has other surfaces."""
+    """Read an OBJ file; InputError, with the line, for damage or surfaces of other types."""
     text = plain_text(read_input(path, "mesh file"))
     for start, kind in _NO_OBJ.items():
         if text.lstrip().startswith(start):
             raise InputError(f"{path}: is {kind}")
-    # Comments end before continued lines are joined: a comment may end with a backslash.
+    # Comments are recognized before continued lines are joined, because a comment may end with a
+    # backslash.
     lines = TextLines(path, join_continued(text))
     words = lines.keywords(3)
     kinds = {name: words == name.encode() for name in _DRAWN}
@@ -105,7 +106,7 @@ def read_obj(path: Path) -> MeshContent:
     # names: none, then from each change on
     in_use = ["", *(_value(lines, line) for line in changes)]
     names = list(dict.fromkeys(in_use))
-    # The material of a polygon is the last one named before its line.
+    # The material of a polygon is the last material named before its line.
     used = np.searchsorted(changes, polygons.lines, side="right")
     material_of_polygon = np.array([names.index(name) for name in in_use])[used]
     looks, not_read = _read_libraries(
@@ -123,7 +124,7 @@ def read_obj(path: Path) -> MeshContent:
     parts = []
     for number, places in _places(material_of_polygon).items():
         own, counts = triangles[triangles_of[number]], polygons.counts[places]
-        # trimesh numbers triangles by polygon size only where all polygons have one size.
+        # trimesh numbers triangles by polygon size only if all polygons have the same size.
         if (counts == counts[0]).all():
             own = own[sizes_together(counts)]
         parts.append(_part(names[number], polygons.corners[own], tables, looks.get(names[number])))
@@ -131,20 +132,20 @@ def read_obj(path: Path) -> MeshContent:
 
 
 def _places(numbers: Indices) -> dict[int, Indices]:
-    """Return the places of each number, in order; numbers in the order of their first places."""
+    """Return the indices of each number, ascending; numbers in order of first occurrence."""
     unique, first, counts = np.unique(numbers, return_index=True, return_counts=True)
     groups = np.split(np.argsort(numbers, kind="stable"), np.cumsum(counts)[:-1])
     return {int(unique[group]): groups[group] for group in np.argsort(first).tolist()}
 
 
 def _value(lines: TextLines, line: int) -> str:
-    """Return the rest of a line after its keyword; names may hold `#`."""
+    """Return the rest of a line after its keyword; names may contain `#`."""
     _, _, value = lines.text(line, comment=True).replace("\t", " ").partition(" ")
     return value.strip()
 
 
 def _other_statements(lines: TextLines, named: dict[str, list[int]]) -> list[UnreadFeature]:
-    """Return statements not honoured; InputError at other surfaces and unknown words."""
+    """Return unread statements; InputError for other surfaces and unknown words."""
     for word, (first, *_) in named.items():
         if word in _REFUSED:
             raise lines.error(first, f"'{word}' is {_REFUSED[word]}")
@@ -167,14 +168,14 @@ def _smoothing(lines: TextLines, statements: list[int]) -> list[UnreadFeature]:
 
 
 def _rows(values: Floats, counts: Indices, width: int) -> Floats:
-    """Return (N, width) rows of some counts of numbers, the rest of a short row undefined."""
+    """Return (N, width) rows with `counts` numbers each; the rest of a short row is undefined."""
     # The last rows are padded, so that a short row at the end reads no missing numbers.
     padded = np.append(values, np.full(width, np.nan))
     return np.asarray(padded[starts_of(counts)[:, None] + np.arange(width)])
 
 
 def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[UnreadFeature]]:
-    """Return the values that corners refer to, and vertices without a color among colored ones."""
+    """Return the values that corners refer to, and unread features of vertices without a color."""
     values, counts = lines.numbers(kinds["v"], skip=1)
     three = "a vertex needs three coordinates, or three and a color of three numbers, not {}"
     lines.check(kinds["v"], np.isin(counts, (3, 4, 6)), three, counts)
@@ -192,7 +193,7 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
     right = (counts >= 1) & (counts <= 3)
     lines.check(kinds["vt"], right, "texture coordinates (vt) are one to three numbers")
     coordinates = _rows(values, counts, 2)
-    # A single number places a texture along u; v is then 0.
+    # A single number is u; v is then 0.
     coordinates[counts == 1, 1] = 0.0
     normals, counts = lines.numbers(kinds["vn"], skip=2)
     lines.check(kinds["vn"], counts == 3, "a normal (vn) has three numbers")
@@ -205,7 +206,7 @@ def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[Unr
 
 
 def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
-    """Return the polygons of a file; InputError at corners that are damaged or dangling."""
+    """Return the polygons of a file; InputError for damaged or dangling corners."""
     statements = np.flatnonzero(kinds["f"])
     text, line_ends = lines.bytes_of(kinds["f"], skip=1)
     begins = word_starts(text)
@@ -244,13 +245,13 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
 def _corner_indices(
     text: NDArray[np.uint8], begins: Indices, error: Callable[[int, str], InputError]
 ) -> Indices:
-    """Return (K, 3) indices of corners of the file, 0 for none; erase the slashes of the text."""
+    """Return (K, 3) corner indices as in the file, 0 for none; replace slashes in the text."""
     slashes = text == ord("/")
     before = np.cumsum(slashes, dtype=np.int32) - slashes  # slashes before each byte
     text[slashes] = _BLANK
     numbers = word_starts(text)
-    # A number belongs to the last corner that begins before it; the number of slashes in this
-    # corner before it selects the index.
+    # A number belongs to the last corner that begins before it. The count of slashes between them
+    # selects the column.
     marks = np.zeros(len(text), np.bool_)
     marks[begins] = True
     corner = np.cumsum(marks, dtype=np.int32)[numbers] - 1
@@ -271,7 +272,7 @@ def _corner_indices(
 
 def _part(name: str, corners: Indices, tables: _Tables, look: _Material | None) -> MeshPart:
     """Return the triangles of a material by corners (T, 3, 3): vertex, coordinates, normal."""
-    # A vertex of the file is split where its corners have other coordinates or normals.
+    # A vertex of the file is split if its corners have different texture coordinates or normals.
     used = [column for column in (_TEXTURE, _NORMAL) if (corners[..., column] != _ABSENT).any()]
     if used:
         faces, points, *rest = unmerge_faces(
@@ -296,11 +297,11 @@ def _part(name: str, corners: Indices, tables: _Tables, look: _Material | None) 
 # Material libraries
 # -------------------------------------------------------------------------------------------------
 
-#: Statements that change a surface's color or hide it, and their neutral value.
+#: Statements that change a surface's color or visibility, and their neutral values.
 _NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
 # in addition to all whose names begin with map_
 _MAPS: Final = ("bump", "disp", "decal", "refl", "norm")
-_MOST_NUMBERS: Final = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # most arguments of a map option
+_MOST_NUMBERS: Final = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # maximum of arguments of a map option
 
 
 @dataclass(kw_only=True)
@@ -374,7 +375,7 @@ def _library(path: Path, name: str) -> dict[str, _Material] | None:
 
 
 def _is_neutral(key: str, values: Sequence[str]) -> bool:
-    """Return whether a statement changes nothing: another statement, or its neutral value."""
+    """Return whether a statement has no effect: an unlisted statement, or a neutral value."""
     return key not in _NEUTRAL or all(_number(value) == _NEUTRAL[key] for value in values)
 
 

@@ -19,8 +19,8 @@ _HEADER = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(ST)?(C)?(N)?(4)?(n)?OFF\b([ \t]*BIN
 
 
 def read_off(path: Path) -> MeshContent:
-    """Read an OFF file; InputError with the line where it is damaged or of a kind not read."""
-    # Letters of the header precede OFF in this order; without a header the file is plain OFF.
+    """Read an OFF file; InputError, with the line, for damage or an unread variant."""
+    # Letters precede OFF in the header in this order; a file without a header is plain OFF.
     data = plain_text(read_input(path, "mesh file"))
     header = _HEADER.match(data)
     if header is not None and (header[5] or header[6]):
@@ -82,7 +82,7 @@ def read_off(path: Path) -> MeshContent:
 def _vertices(
     lines: TextLines, numbers: Floats, per_line: Indices, sizes: list[int], count: int
 ) -> Floats:
-    """Return the numbers of each vertex (V, n); `sizes` are n with colors of 3 and 4 channels."""
+    """Return the numbers of each vertex (V, n); `sizes` are n for colors of 3 and 4 channels."""
     own = np.unique(per_line[1 : 1 + count])
     alike = len(own) == 1  # otherwise vertices are spread over lines, and colors have 4 channels
     if alike and len(per_line) > count and int(own[0]) not in (1, *sizes):

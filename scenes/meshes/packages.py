@@ -25,8 +25,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, carried, unit_normals
 from xfrustum.scenes.model.scene import UnreadFeature
 
-#: Bytes of memory that a byte of an unpacked part takes: elements with their attributes, arrays,
-#: copies.
+#: Bytes of memory for each byte of an unpacked part: elements with attributes, arrays, copies.
 _MEMORY_PER_UNPACKED_BYTE = 16
 #: Bytes of memory that one placed triangle takes: corners and indices in double precision, and
 #: copies.
@@ -35,7 +34,7 @@ _DEEPEST = 100  # levels of instances within instances
 
 _3D: Final = "http://schemas.microsoft.com/3dmanufacturing/"
 _CORE: Final = f"{{{_3D}core/2015/02}}"
-#: Extensions of 3MF that are honoured, or that change only looks.
+#: Extensions of 3MF that are read, or that change only the appearance.
 _KNOWN: Final = [
     f"{_3D}{name}"
     for name in ("core/2015/02", "production/2015/06", "material/2015/02", "trianglesets/2021/07")
@@ -50,11 +49,11 @@ class _Node:
     """Object of a package, which may be placed many times."""
 
     parts: list[MeshPart] = field(default_factory=list)
-    #: with (4, 4) transforms to this node
+    #: child nodes, with (4, 4) transforms to this node
     children: list[tuple[_Node, Floats]] = field(default_factory=list)
 
     def placed(self, matrix: Floats) -> Iterator[MeshPart]:
-        """Yield the parts of this node and of all below it, placed by a (4, 4) matrix."""
+        """Yield the parts of this node and of its descendants, placed by a (4, 4) matrix."""
         linear = matrix[:3, :3]
         for part in self.parts:
             vertices = part.vertices
@@ -69,7 +68,7 @@ class _Node:
 
 
 class _Package:
-    """Parts of a zip archive by their names, in any case and with or without a slash first."""
+    """Parts of a zip archive by name, ignoring case and a leading slash."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -79,7 +78,8 @@ class _Package:
             self._archive = zipfile.ZipFile(io.BytesIO(read_input(path, "mesh file")))
             total = sum(info.file_size for info in self._archive.infolist())
         check_declared(path, total * _MEMORY_PER_UNPACKED_BYTE, "unpacking")
-        # Names of parts ignore case (OPC 6.2.2.3), and relationships write them from the root.
+        # Part names are case-insensitive (OPC 6.2.2.3), and relationships write them with a leading
+        # slash.
         self._names = {name.lower().lstrip("/"): name for name in self._archive.namelist()}
 
     def error(self, reason: str, advice: str = _AGAIN) -> InputError:
@@ -95,7 +95,7 @@ class _Package:
             namespaces, root = dict[str, str](), None
             with damage_refused(self.path, f"package with a part {name}", _AGAIN):
                 data = io.BytesIO(read_member(self._archive, stored, self.path))
-                # ElementTree drops prefixes, which name the required extensions of 3MF.
+                # ElementTree drops prefixes, but required extensions of 3MF are listed by prefix.
                 for event, value in iterparse(data, ("start-ns", "start")):
                     if event == "start-ns" and root is None:
                         namespaces[value[0]] = value[1]
@@ -106,7 +106,7 @@ class _Package:
         return self.parts[stored]
 
     def numbers(self, text: str | None, columns: int) -> Floats:
-        """Return (N, columns) numbers between spaces and commas."""
+        """Return (N, columns) numbers separated by spaces and commas."""
         text = (text or "").replace(",", " ")
         try:
             values = np.fromstring(text, np.float64, sep=" ") if text.strip() else np.zeros(0)
@@ -115,7 +115,7 @@ class _Package:
             raise self.error("has numbers that are damaged") from error
 
     def matrix(self, text: str | None, name: str) -> Floats:
-        """Return the (4, 4) matrix of three axes and an origin, 12 numbers; None is the unit."""
+        """Return the (4, 4) matrix of three axes and an origin (12 numbers); identity for None."""
         matrix = np.eye(4)
         if text is not None:
             rows = self.numbers(text, 3)
@@ -125,17 +125,17 @@ class _Package:
         return matrix
 
     def placed(self, root: _Node) -> tuple[MeshPart, ...]:
-        """Return the parts of all nodes from a root on, placed; refuse too many."""
+        """Return the placed parts of a root and its descendants; refuse too many triangles."""
         size = self._size(root, {}, 0)
         check_declared(self.path, size * _MEMORY_PER_TRIANGLE, "placing its objects")
         return tuple(root.placed(np.eye(4)))
 
     def _size(self, node: _Node, sizes: dict[int, int], depth: int) -> int:
-        """Return the number of triangles and nodes that are placed from a node on."""
+        """Return the number of triangles and nodes placed by a node and its descendants."""
         if depth > _DEEPEST:
             reason = f"objects lie within each other more than {_DEEPEST} levels deep"
             raise self.error(f"{reason}, or in a circle")
-        # Each node is counted once: ten levels of ten instances are ten thousand million triangles.
+        # The size of each node is computed once: ten levels of ten instances are 10^10 triangles.
         if id(node) not in sizes:
             below = [self._size(child, sizes, depth + 1) for child, _ in node.children]
             sizes[id(node)] = 1 + sum(len(part.faces) for part in node.parts) + sum(below)
@@ -169,7 +169,7 @@ def read_3mf(path: Path) -> MeshContent:
 
 
 class _Model:
-    """Objects of all parts of a 3MF package, each read once; numbers belong to their part."""
+    """Objects of all parts of a 3MF package, each read once; numbers are unique within a part."""
 
     def __init__(self, package: _Package) -> None:
         self.package = package
@@ -200,8 +200,8 @@ class _Model:
             key = named.get("path", part).lstrip("/"), named.get("objectid", "")
             child = self._node(*key), self.package.matrix(named.get("transform"), "transform")
             groups.setdefault(key, []).append(child)
-        # trimesh walks the scene graph depth first and puts children on a stack: the first one,
-        # then the others from the last one on; places of one object come together.
+        # trimesh traverses the scene graph depth first with a stack of children: the first child,
+        # then the others from the last. Instances of one object are consecutive.
         placed = list(chain.from_iterable(groups.values()))
         return [*placed[:1], *placed[:0:-1]]
 
@@ -239,13 +239,13 @@ class _Model:
         node.children += self.children(part, components)
 
     def _table(self, elements: list[Element], names: tuple[str, str, str]) -> Floats:
-        # A missing attribute becomes a word that is not a number, and is refused.
+        # Replace a missing attribute by a word that is not a number, so that it is refused.
         text = " ".join(row.get(name, "?") for row in elements for name in names)
         return self.package.numbers(text, len(names))
 
 
 def read_3dxml(path: Path) -> MeshContent:
-    """Read a 3DXML file; InputError at damage and at other geometry than tessellations."""
+    """Read a 3DXML file; InputError for damage and for geometry other than tessellations."""
     package = _Package(path)
     manifest, _ = package.read("Manifest.xml")
     tree, _ = package.read((manifest.findtext("{*}Root") or "").strip())
@@ -259,13 +259,13 @@ def read_3dxml(path: Path) -> MeshContent:
     if tree.find(".//{*}DefaultViewProperty/{*}RelativePosition") is not None:
         reason = "moves objects in a view (RelativePosition), which is not read"
         raise package.error(reason, "export without")
-    # References and representations share one space of numbers.
+    # References and representations share one number space.
     nodes = {element.get("id", ""): _Node() for element in tree.iterfind(".//{*}Reference3D")}
     for element in tree.iterfind(".//{*}ReferenceRep"):
         nodes[element.get("id", "")] = _Node(parts=_representation(package, element))
 
     def named(instance: Element, kind: str) -> _Node:
-        """Return the node that an instance names: a number, or a name that ends with it."""
+        """Return the node to which an instance refers, by number or by a name ending with it."""
         text = (instance.findtext(f"{{*}}{kind}") or "").strip()
         node = nodes.get(text.rpartition(":")[2])
         if node is None:
@@ -273,7 +273,7 @@ def read_3dxml(path: Path) -> MeshContent:
             raise package.error(reason, "export the mesh with all its parts")
         return node
 
-    # Instances of geometry first, as trimesh numbers triangles.
+    # Read instances of geometry first, for trimesh's numbering of triangles.
     for kind in ("InstanceRep", "Instance3D"):
         for element in tree.iterfind(f".//{{*}}{kind}"):
             matrix = package.matrix(element.findtext("{*}RelativeMatrix"), "RelativeMatrix")
@@ -282,7 +282,7 @@ def read_3dxml(path: Path) -> MeshContent:
     root = nodes.get(structure.get("root", ""))
     if root is None:
         raise package.error("has no root of its ProductStructure")
-    # Triangles are numbered representation by representation, each with all its places.
+    # Triangles are numbered by representation, each with all its instances.
     names = [part.name for node in nodes.values() for part in node.parts]
     placed = sorted(package.placed(root), key=lambda part: names.index(part.name))
     looks = UnreadFeature("colors, materials and textures", "are not shown")
@@ -328,13 +328,14 @@ def _representation(package: _Package, reference: Element) -> list[MeshPart]:
 
 
 def _finest(package: _Package, rep: Element) -> Indices:
-    """Return the faces of a representation itself; else of its level with the least deviation."""
+    """Return the faces of a representation, or of its level with the smallest deviation."""
     own, levels = rep.findall("{*}Faces"), rep.findall("{*}PolygonalLOD")
     if not own and levels:
         accuracies = package.numbers(" ".join(level.get("accuracy", "inf") for level in levels), 1)
         if len(accuracies) != len(levels):
             raise package.error("has a PolygonalLOD whose accuracy is no number")
-        # The accuracy is the largest deviation, so that the least one is the finest level.
+        # The accuracy is the largest deviation of a level, so that the finest level has the
+        # smallest.
         own = levels[int(np.argmin(accuracies))].findall("{*}Faces")
 
     def rows(text: str) -> Iterator[Sequence[Indices]]:

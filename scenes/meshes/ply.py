@@ -1,4 +1,4 @@
-"""PLY in text and in binary (Greg Turk, 1994): elements and properties as the header declares."""
+"""PLY in text and in binary (Greg Turk, 1994), with elements and properties of its header."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def read_ply(path: Path) -> MeshContent:
     """Read a PLY file; InputError if it is damaged, cut off, or has no polygons."""
     data = read_input(path, "mesh file").removeprefix(codecs.BOM_UTF8)
     header = _header(path, data)
-    # Text has no byte order, and is cast to the machine's own.
+    # Text has no byte order, and is cast to the byte order of the machine.
     if header.order == "=":
         _read_text(path, data, header)
     else:
@@ -80,7 +80,7 @@ def read_ply(path: Path) -> MeshContent:
 
 def _header(path: Path, data: bytes) -> _Header:
     first = re.match(rb"(?i:ply)[ \t]*(\r\n|\n|\r)", data)
-    # The last line ends like the first, for bytes of any value follow it.
+    # The header's last line has the line end of the first line. Bytes of any value follow it.
     line_end = b"\n" if first is None else first[1]
     end = re.search(line_end + rb"end_header[ \t]*" + line_end, data)
     if first is None or end is None:
@@ -150,7 +150,7 @@ def _read_text(path: Path, data: bytes, header: _Header) -> None:
 
 
 def _cast(path: Path, numbers: Floats, kind: str, name: str) -> NDArray[Any]:
-    # A text may have more digits than the type that its header declares: the type decides.
+    # A text may have more digits than the type in its header. Round to this type.
     with np.errstate(invalid="ignore", over="ignore"):
         cast = numbers.astype(kind)
     if cast.dtype.kind != "f" and (cast != numbers).any():
@@ -173,14 +173,14 @@ def _read_binary(path: Path, data: bytes, header: _Header) -> None:
 
 
 def _read_alike(path: Path, data: bytes, element: _Element, order: str, place: int) -> int | None:
-    """Read an element whose lists are as long as in its first row; return its end, else None."""
+    """Read an element with lists of equal lengths; return its end, None if lengths differ."""
     row, fixed = list[tuple[str, str] | tuple[str, str, int]](), place
     for name, (length_type, kind) in element.types.items():
         if length_type is None:
             row.append((name, order + kind))
         else:
             length = _number(path, data, fixed, order + length_type) if element.count else 0
-            # No name in a header ends with a blank.
+            # Names in a header cannot end with a blank, so that this name is unique.
             row += [(f"{name} ", order + length_type), (name, order + kind, length)]
         fixed = place + np.dtype(row).itemsize
     end = place + np.dtype(row).itemsize * element.count
@@ -276,7 +276,7 @@ def _content(
     faces, chosen, uv = _textured(vertex, face, corners[cut], cut, counts)
     colors = _complete(vertex, _COLORS)
     normals = _complete(vertex, (_NORMAL,))
-    # Faces may choose among several textures by a number, which has no standard name.
+    # Faces may select one of several textures by a number, whose property name is not standardized.
     single = textures[0] if len(textures) == 1 else None
     part = MeshPart(
         vertices=points[chosen],
@@ -291,7 +291,7 @@ def _content(
 
 
 def _complete(element: _Element, choices: Iterable[tuple[str, ...]]) -> NDArray[Any] | None:
-    """Return the columns of the first group of properties that an element has, else None."""
+    """Return the columns of the first complete group of properties, else None."""
     for names in choices:
         if element.values.keys() >= {*names}:
             return _columns(element, names)
@@ -304,7 +304,7 @@ def _columns(element: _Element, names: tuple[str, ...]) -> NDArray[Any]:
 
 
 def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -> Indices:
-    """Return the corners of faces as indices; InputError at other numbers."""
+    """Return the corners of faces as indices; InputError for other numbers."""
     for face in np.flatnonzero(counts < 3)[:1].tolist():
         few = counted(int(counts[face]), "corner")
         raise InputError(f"{path}: face {face} has {few}, and needs three; repair the mesh")
@@ -323,7 +323,7 @@ def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -
 def _textured(
     vertex: _Element, face: _Element, faces: Indices, cut: Indices, counts: Indices
 ) -> tuple[Indices, Indices | slice, Floats | None]:
-    """Return faces, the vertices that they refer to, and texture coordinates there."""
+    """Return faces, the vertices to which they refer, and texture coordinates of these."""
     of_faces = face.lengths.get("texcoord")
     if of_faces is not None and (of_faces == 2 * counts).all():
         uv = face.values["texcoord"].astype(np.float64).reshape(-1, 2)[cut].reshape(-1, 2)

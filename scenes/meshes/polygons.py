@@ -1,13 +1,13 @@
-"""Polygons cut into triangles, in their own plane.
+"""Triangulation of polygons, in their own plane.
 
-Libraries (mapbox_earcut) drop corners on straight edges, which would leave cracks between
-neighbors; here a polygon of n corners always gives n - 2 triangles.
+Libraries (mapbox_earcut) drop corners on straight edges, which would cause cracks between
+neighbors. Here a polygon of n corners always gives n - 2 triangles.
 
 For any triangulation of a polygon, the signed areas of the triangles add up to its area by Newell's
-formula. The triangulation of an outline that does not cross itself is therefore right if no
-triangle faces against Newell's normal: nothing is covered twice or left out. A fan also needs an
-outline with a total turn of 360 degrees. Ears of an outline that crosses itself are not always
-detected as wrong: its ends may overlap, like the ends of a ring cut open.
+formula. The triangulation of an outline that does not cross itself is therefore correct if no
+triangle faces against Newell's normal: no area is covered twice or left out. A fan also needs an
+outline with a total turn of 360 degrees. Wrong ears of an outline that crosses itself are not
+always detected: its ends may overlap, like the ends of a split ring.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from xfrustum.scenes.errors import InputError
 
 #: Largest number of corners of a polygon that the fan does not cut; the time grows as their square.
 MAX_CONCAVE_CORNERS = 4_000
-#: Rounding errors of a cross product of coordinates of at most one, in units of the coordinates'
-#: own.
+#: Rounding error of a cross product of coordinates of at most one, in units of the coordinates'
+#: rounding error.
 _ROUNDINGS = 16
 _SPIKE = 1e-6  # radians: an outline that goes back on itself may turn either way, by rounding
 
@@ -30,11 +30,11 @@ _SPIKE = 1e-6  # radians: an outline that goes back on itself may turn either wa
 def cut_polygons(
     points: Floats, corners: Indices, counts: Indices, refuse: Callable[[int, str], InputError]
 ) -> Indices:
-    """Return (T, 3) places in `corners` of the triangles of polygons, polygon by polygon.
+    """Return (T, 3) indices into `corners` of the triangles of polygons, polygon by polygon.
 
-    The fan from a polygon's first corner is kept if it is right; the second triangle of a
-    quadrilateral then begins at its third corner, as in trimesh. Polygons that are not flat are cut
-    as seen along Newell's normal; their fan, too, stays where all of it faces that way.
+    The fan from a polygon's first corner is used if it is correct; the second triangle of a
+    quadrilateral then begins at its third corner, as in trimesh. Polygons that are not flat are
+    projected along Newell's normal; their fan is used if all its triangles face along this normal.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def cut_polygons(
     first = np.cumsum(counts) - counts
     before = np.cumsum(counts - 2) - (counts - 2)  # triangles of earlier polygons
     triangles = np.empty((int((counts - 2).sum()), 3), np.int64)
-    # Polygons of one size are handled together: most files have one or two sizes.
+    # Polygons of equal size are processed together: most files have one or two sizes.
     for count in np.unique(counts).tolist():
         which = np.flatnonzero(counts == count)
         local = np.repeat(_fan(count)[None], len(which), axis=0)
@@ -58,7 +58,7 @@ def cut_polygons(
 
 
 def sizes_together(counts: Indices) -> Indices:
-    """Return the places, in polygon order, of triangles as trimesh numbers them.
+    """Return the indices, in polygon order, of triangles in trimesh's order.
 
     Triangles come first, then first halves of quadrilaterals, then their second halves, then fans.
     """
@@ -77,7 +77,7 @@ def _fan(count: int) -> Indices:
 def _mend(
     polygons: Floats, local: Indices, numbers: Indices, refuse: Callable[[int, str], InputError]
 ) -> None:
-    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) whose fan is wrong."""
+    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) with a wrong fan."""
     count = polygons.shape[1]
     size = np.ptp(polygons, axis=1).max(axis=1)
     doubt = np.abs(polygons).max(axis=(1, 2))  # coordinates are rounded in proportion to themselves
@@ -91,7 +91,7 @@ def _mend(
     # Skip sizes that are zero or not finite: the checks that all formats share refuse them.
     normals = newell / np.where(area > 0, area, 1.0)[:, None]
     wrong = np.isfinite(doubt) & ~flat & ((area <= doubt) | ~_all_face(crosses, normals, doubt))
-    # A concave quadrilateral has exactly one right diagonal.
+    # A concave quadrilateral has exactly one correct diagonal.
     if count == 4:  # the other diagonal
         halves = np.stack(
             [
@@ -122,15 +122,16 @@ def _mend(
 
 
 def _all_face(crosses: Floats, normals: Floats, doubt: Floats) -> Mask:
-    """Return (P,) whether all triangles of each polygon face its normal; `crosses` is (P, T, 3)."""
+    """Return a mask (P,) of polygons all of whose triangles face along the normal."""
     facing = np.einsum("ptx,px->pt", crosses, normals)
     return np.asarray((facing >= -doubt[:, None]).all(axis=1))
 
 
 def _turning(shape: Floats, normals: Floats, doubt: Floats) -> Floats:
-    """Return (P,) the total turns of outlines, seen along the normals; spikes turn back.
+    """Return the total turns (P,) of outlines, seen along the normals; spikes turn back.
 
-    An outline that meets itself nowhere turns by 360 degrees, one that goes around twice by 720.
+    An outline that does not meet itself turns by 360 degrees, an outline that goes around twice by
+    720.
     """
     count = shape.shape[1]
     edges = np.roll(shape, -1, axis=1) - shape
@@ -154,7 +155,7 @@ def _plane(normal: Floats) -> Floats:
 
 
 def _clip_ears(corners: Floats, doubt: float) -> list[tuple[int, int, int]] | None:
-    """Return triangles that face the viewer of a polygon (n, 2); None if it crosses itself."""
+    """Return counterclockwise triangles of a polygon (n, 2); None if it crosses itself."""
     count = len(corners)
     left_over = corners.copy()  # NaN where a corner is cut off
     before, after = (np.roll(np.arange(count), step).tolist() for step in (1, -1))

@@ -1,4 +1,4 @@
-"""STL in text and in binary; incomplete files are refused."""
+"""STL, text and binary; incomplete files are refused."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from xfrustum.scenes.representation import counted
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER_BYTES = 84  # 80 of any content, and the number of triangles
 _FACET_LINES = np.array(b"facet outer vertex vertex vertex endloop endfacet".split())
-#: Cosine between a stored normal and the opposite of the winding's normal. Exporters round normals
-#: to a few digits, which turns them by far less than 60 degrees.
+#: Cosine between a stored normal and the reversed winding normal above which the winding is
+#: reversed. Exporters round normals to a few digits, which turns them by far less than 60 degrees.
 _COSINE = 0.5
 
 
@@ -76,7 +76,7 @@ def _content(path: Path, corners: Floats, unread: tuple[UnreadFeature, ...]) -> 
 
 
 def _unread(corners: Floats, normals: Floats, colored: bool) -> tuple[UnreadFeature, ...]:
-    """Return the attributes of facets, and stored normals on the back of the winding."""
+    """Return unread attributes of facets, and stored normals that contradict the winding."""
     unread = []
     if colored:
         consequence = "are not shown: some programs store colors there"

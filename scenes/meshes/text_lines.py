@@ -1,4 +1,4 @@
-"""Lines of a mesh text, split into keywords and numbers by whole arrays; errors name the line."""
+"""Lines of a mesh text, parsed into keywords and numbers by NumPy; errors name the line."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from xfrustum.scenes.errors import InputError
 
 _SPACE = ord(" ")  #: bytes up to this value are white space
 _LINE_FEED = ord("\n")
-#: Tab, vertical tab and form feed become blanks; other control bytes become DEL, which is part of
-#: no number, so that the word is refused.
+#: Tab, vertical tab and form feed become blanks. Other control bytes become DEL, which is not part
+#: of a number, so that the word is refused.
 _BLANKS = {ord(blank): _SPACE for blank in "\t\v\f"} | {0: 0, _LINE_FEED: _LINE_FEED}
 _CONTROL_TO_BLANK = bytes([*(_BLANKS.get(byte, 127) for byte in range(32)), *range(32, 256)])
-#: Replacement of a backslash and the line feed after it: of the same length, and counted by
-#: `number`.
+#: Replacement of a backslash and the line feed after it. It has the same length, and `number`
+#: counts it.
 _CONTINUED = b" \v"
 
 
@@ -46,12 +46,12 @@ def join_continued(data: bytes) -> bytes:
 
 
 def starts_of(counts: Indices) -> Indices:
-    """Return the place of the first element of each of consecutive groups of some sizes."""
+    """Return the index of the first element of each of consecutive groups of these sizes."""
     return np.asarray(np.cumsum(counts) - counts)
 
 
 def ranges(starts: Indices, counts: Indices) -> Indices:
-    """Return the indices of all ranges of some starts and sizes, one range after the other."""
+    """Return the concatenated indices of ranges with these starts and sizes."""
     within = np.arange(int(counts.sum())) - np.repeat(starts_of(counts), counts)
     return np.asarray(np.repeat(starts, counts) + within)
 
@@ -69,7 +69,7 @@ class TextLines:
         self._bytes = np.frombuffer(self._data, np.uint8)
         ends = start + np.flatnonzero(self._bytes[start:] == _LINE_FEED)
         starts = np.concatenate([[start], ends + 1])[:-1]
-        # Searching sorted places costs less than splitting millions of lines.
+        # Searching sorted positions is faster than splitting millions of lines.
         if b"#" in data:
             ends = _first_from(np.flatnonzero(self._bytes == ord("#")), starts, ends)
         if (self._bytes[starts] <= _SPACE)[starts < ends].any():  # indented
@@ -80,7 +80,7 @@ class TextLines:
         return len(self._starts)
 
     def keywords(self, size: int) -> NDArray[np.bytes_]:
-        """Return the first word of each line in lower case, at most `size` bytes of it."""
+        """Return the first word of each line in lower case, cut to `size` bytes."""
         words = np.zeros((size, len(self)), np.uint8)
         inside = np.ones(len(self), np.bool_)
         for place in range(size):  # column by column: whole rows of indices take much memory
@@ -108,9 +108,9 @@ class TextLines:
     def check(
         self, lines: Mask | slice, right: Mask, reason: str, values: NDArray[Any] | None = None
     ) -> None:
-        """Raise the error of the first of some lines that is not right.
+        """Raise the error of the first line that is not right.
 
-        Braces in the reason stand for the line's entry in `values`.
+        Braces in the reason are replaced by the line's entry in `values`.
         """
         for place in np.flatnonzero(~right)[:1].tolist():
             line = int(np.arange(len(self))[lines][place])
@@ -121,7 +121,7 @@ class TextLines:
     ) -> tuple[NDArray[Any], Indices]:
         """Return the numbers of some lines, line after line, and their count in each line.
 
-        The first `skip` bytes of a line, its keyword, are left out. Raises InputError at a word
+        The first `skip` bytes of a line, its keyword, are skipped. Raises InputError for a word
         that is not a number.
         """
         text, line_ends = self.bytes_of(lines, skip=skip)
@@ -137,7 +137,7 @@ class TextLines:
         return parse(text, kind, len(starts), refused), counts
 
     def bytes_of(self, lines: Mask | slice, *, skip: int = 0) -> tuple[NDArray[np.uint8], Indices]:
-        """Return the bytes of some lines, and the places (L,) of the line feeds that end them."""
+        """Return the bytes of some lines, and the positions (L,) of their final line feeds."""
         starts, ends = self._starts[lines], self._ends[lines] + 1
         low, high = (starts[0], ends[-1]) if len(starts) else (0, 0)
         bounds = np.zeros(high - low + 1, np.int8)
@@ -157,7 +157,7 @@ def parse(
     count: int,
     refused: Callable[[int], InputError],
 ) -> NDArray[Any]:
-    """Return the numbers of a text of `count` words; raise the error of the first other word."""
+    """Return the numbers in a text of `count` words; raise the error of the first wrong word."""
     data = text.tobytes()
     if count == 0:
         return np.zeros(0, kind)
@@ -177,12 +177,12 @@ def parse(
 
 
 def word_starts(text: NDArray[np.uint8]) -> Indices:
-    """Return the places where words of a text begin."""
+    """Return the positions of the first bytes of words."""
     inked = np.concatenate([[False], text > _SPACE])
     return np.flatnonzero(inked[1:] > inked[:-1])
 
 
 def _first_from(places: Indices, starts: Indices, ends: Indices) -> Indices:
-    """Return the first of ordered places from each start on; the end where it comes earlier."""
+    """Return the first of sorted positions at or after each start, but at most the end."""
     following = np.append(places, np.iinfo(np.int64).max)[np.searchsorted(places, starts)]
     return np.asarray(np.minimum(following, ends))

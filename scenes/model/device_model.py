@@ -1,7 +1,7 @@
-"""Roundings of a device that draws, by measurement.
+"""Measured rounding of drawing devices.
 
-`xfrustum.raster.device.fingerprint` measures them, `xfrustum.compare.rounding` explains pixels by
-them.
+`xfrustum.raster.device.fingerprint` makes the test pictures, and `xfrustum.compare.rounding`
+explains pixels by the rounding.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 Range = tuple[FiniteFloat, FiniteFloat]
-"""Lowest and highest difference of a stored value and the exact one, steps of a format."""
+"""Lowest and highest difference of a stored value from the exact value, steps of a format."""
 
 Digits = Annotated[int, Field(ge=0, le=24)]
-"""Number of binary digits of a grid; float32, which places are computed in, has 24."""
+"""Number of binary digits of a grid; positions are computed in float32, which has 24."""
 
-LARGEST_FILE = 1 << 20  # bytes of the largest device.json; `xfrustum device` writes some thousands
+LARGEST_FILE = 1 << 20  # largest device.json, bytes; `xfrustum device` writes a few thousand
 
 NEAREST: Range = (-0.5, 0.5)
-"""Storing the nearest step."""
+"""Rounding to the nearest step."""
 
 SIXTEENTH = 1 / 16
-"""Part of a step to which some devices cut a depth off before they round it to a step."""
+"""Fraction of a step to which some devices truncate a depth before rounding it to a step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceModel:
-    """The roundings of one kind of device."""
+    """Rounding of one kind of device."""
 
-    name: str  #: for people, and in what commands print as `device_model`
+    name: str  #: name in reports, and in the JSON key `device_model`
     #: Binary digits of a pixel to which vertices are snapped (GL_SUBPIXEL_BITS)
     subpixel_bits: Digits
     #: True if depth, 1 / w and varyings are interpolated from snapped vertices, so that they move
@@ -47,10 +47,10 @@ class DeviceModel:
     #: d16, d24: rounding of a float32 depth to the steps of a format; D32F does not round.
     d16: Range = NEAREST
     d24: Range = NEAREST
-    #: True if a depth is rounded after each of the two steps of its plane, along x and y, not only
-    #: at the end
+    #: True if depth is rounded after each of the two steps of its plane equation, along x and y;
+    #: False if only at the end
     rounds_planes: bool = True
-    filter_bits: Digits | None = None  #: of the weights of a bilinear filter; None for float32
+    filter_bits: Digits | None = None  #: of bilinear filter weights; None for float32
 
     def __post_init__(self) -> None:
         for low, high in (self.d16, self.d24):
@@ -59,32 +59,32 @@ class DeviceModel:
 
     @property
     def half_step(self) -> float:
-        """Largest distance of a snapped vertex from its place along one axis, pixels."""
+        """Largest distance by which snapping moves a vertex along one axis, pixels."""
         return float(2.0 ** -(self.subpixel_bits + 1))
 
     @property
     def filter_rounding(self) -> float:
-        """Largest rounding of the weight that a bilinear filter gives a texel along one axis."""
+        """Largest rounding error of a bilinear filter's weight along one axis."""
         return 0.0 if self.filter_bits is None else float(2.0 ** -(self.filter_bits + 1))
 
     def stored(self, depth: DepthFormat) -> Range:
-        """Return how a float32 depth is rounded to the steps of a format."""
+        """Return the range of errors of rounding a float32 depth to the steps of a format."""
         return {DepthFormat.D16: self.d16, DepthFormat.D24: self.d24, DepthFormat.D32F: (0.0, 0.0)}[
             depth
         ]
 
     def stored_steps(self, depth: DepthFormat) -> float:
-        """Return the largest difference of two equal depths as stored, in steps; 0 for D32F."""
+        """Return the largest difference of the stored values of equal depths, steps; 0 for D32F."""
         low, high = self.stored(depth)
         return high - low
 
     def as_json(self) -> dict[str, Any]:
-        """Return the model as `device.json` has it under `model`."""
+        """Return the JSON object under the key `model` of `device.json`."""
         return asdict(self)
 
     @classmethod
     def read(cls, path: Path) -> DeviceModel:
-        """Read the model of a `device.json`; InputError if it is not one."""
+        """Read the model in a `device.json`; InputError for another file."""
         advice = "xfrustum device --out DIR writes DIR/device.json"
         content = read_small(path, "device.json", LARGEST_FILE, advice)
         try:
@@ -111,8 +111,8 @@ H100 = DeviceModel(
     name="NVIDIA H100",
     subpixel_bits=8,
     snaps_depth=True,
-    # A depth is truncated to sixteenths of a step, and half is rounded down: the next step begins
-    # at 9 / 16.
+    # A depth is truncated to sixteenths of a step, then rounded, with 8/16 rounded down: the next
+    # step begins at 9/16.
     d16=(-0.5 - SIXTEENTH, 0.5),
     rounds_planes=False,
     filter_bits=8,
@@ -120,7 +120,7 @@ H100 = DeviceModel(
 """NVIDIA H100, driver 580.159.04, as measured in November 2026."""
 
 QUADS_OF_A_SPAN = 16
-"""Blocks of 2 x 2 pixels that softpipe steps through with one gradient of D16."""
+"""Number of 2 x 2 blocks over which softpipe adds the same D16 gradient."""
 
 SOFTPIPE = DeviceModel(
     name="softpipe",
@@ -131,7 +131,7 @@ SOFTPIPE = DeviceModel(
     d16=(-1.0 - (QUADS_OF_A_SPAN - 1), QUADS_OF_A_SPAN - 1.0),
     d24=(-1.0, 0.0),
 )
-"""Mesa's reference renderer, OpenGL 3.3; no snapping tried explains its coverage."""
+"""Mesa's reference renderer, OpenGL 3.3; no tested snapping explains its coverage."""
 
 FEWEST_SUBPIXEL_BITS = 4
 """Fewest subpixel bits that OpenGL allows (GL_SUBPIXEL_BITS)."""
@@ -140,7 +140,7 @@ FEWEST_SUBPIXEL_BITS = 4
 def safe_model(subpixel_bits: int = FEWEST_SUBPIXEL_BITS) -> DeviceModel:
     """Return the model of an unmeasured device, which may store the next lower or higher step.
 
-    It holds if the depth of each pixel is computed independently, unlike the D16 of softpipe.
+    The model is valid if the depth of each pixel is computed independently, unlike D16 in softpipe.
     """
     wide = -1.0, 1.0
     return DeviceModel(

@@ -1,4 +1,4 @@
-"""Image by direction: one pixel of all hogels of a tile, the turned-around counterpart of a hogel.
+"""Image by direction: one pixel of all hogels of a tile, the transpose of hogel images.
 
 A plate is a stack of hogels or a stack of images by direction; both have the same pixels.
 """
@@ -17,9 +17,9 @@ from xfrustum.scenes.representation import ShortRepr
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DirectionImage(ShortRepr):
-    """The true image by direction of a tile; arrays are (rows, columns) of hogels, row 0 on top.
+    """True image by direction of a tile; arrays are (rows, columns) of hogels, row 0 on top.
 
-    Each pixel has the bits of the same pixel in the image of its hogel.
+    Each pixel is equal, bit for bit, to the same pixel in the image of its hogel.
     """
 
     tile: PlateTile

@@ -1,7 +1,8 @@
-"""Effects that a scene needs, with the facts that decide them.
+"""Effects that a scene needs, with reasons.
 
-A scene that does not need an effect has the same picture without it. Surfaces that no image shows
-(`scenes.model.visibility`) need no effect except light paths: they cast shadows and send light.
+A scene that does not need an effect has the same picture without it. Surfaces that are not visible
+in any image (`scenes.model.visibility`) need no effect except light paths, because they cast
+shadows and reflect light.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 class Effect(StrEnum):
-    """A part of the simulation that can be left out."""
+    """Part of the simulation that can be omitted."""
 
     C = "c"
     C_STAR = "c-star"
@@ -42,7 +43,7 @@ CAMERAS = frozenset((Effect.C, Effect.C_STAR))
 
 
 class Refusal(StrEnum):
-    """Reason why an effect changes no picture, for any objects."""
+    """Reason why an effect changes no picture, whatever the objects."""
 
     CAMERA = "camera"  #: only the other camera draws
     NO_ENVIRONMENT = "no-environment"
@@ -52,7 +53,7 @@ class Refusal(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """One effect, used or left out, and the facts in the scene that decided it."""
+    """Decision about one effect, with the objects that require it."""
 
     effect: Effect
     refusal: Refusal | None = None
@@ -61,23 +62,23 @@ class Decision:
 
     @property
     def used(self) -> bool:
-        """Use of the effect by any object."""
+        """True if any object uses the effect."""
         return bool(self.objects)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """The images whose effects are decided on."""
+    """Set of images for which effects are selected."""
 
     camera: Camera = Camera.BOTH  #: cameras that draw
-    apertures: tuple[Aperture, ...] | None = None  #: None for all of the plate
+    apertures: tuple[Aperture, ...] | None = None  #: None for all apertures of the plate
     settings: tuple[
         DoubleFrustum, ...
     ] = ()  #: settings are needed only for a tiny near, see `Region.from_scene`
 
 
 def decide(scene: Scene, question: Question | None = None) -> tuple[Decision, ...]:
-    """Return the decision about every effect, for some images or all of the whole plate."""
+    """Return the decision about every effect, for a set of images or the whole plate."""
     question = question or Question()
     region = Region.from_scene(scene, question.apertures, question.settings)
     shown = [region.shows(part) for part in scene.objects]
@@ -176,7 +177,7 @@ class SlabContent:
 
 
 def slab_contents(scene: Scene, settings: DoubleFrustum) -> tuple[SlabContent, ...]:
-    """Return the content of every slab, from the back: C's inward, C*'s outward."""
+    """Return the content of every slab from back to front: of C inward, then of C* outward."""
     reach_viewer, reach_back = scene.frustum.reach
     behind = [
         slab_content(scene, Camera.C, heights)

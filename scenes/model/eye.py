@@ -13,9 +13,9 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
 from xfrustum.scenes.representation import Labelled, ShortRepr
 
-#: Default resolution of an eye's film, and its largest number of pixels, some 100 bytes each.
+#: Default resolution of an eye's film, and its largest number of pixels, about 100 bytes each.
 RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24
-#: Points of the pupil that average color: enough for a smooth blur of a few pixels.
+#: Number of points of the pupil for means of color: enough for a smooth blur of a few pixels.
 PUPIL_POINTS = 16
 
 
@@ -30,8 +30,8 @@ class Beam(StrEnum):
 class Eye:
     """Eye with the rectangle of the plate as film, row 0 at the top, in equal cells.
 
-    Raises InputError if it lies in or behind the plate, a number is not finite, or there are too
-    many pixels.
+    Raises InputError if the eye is in or behind the plate, if a number is not finite, or if there
+    are too many pixels.
     """
 
     position: tuple[
@@ -39,7 +39,7 @@ class Eye:
     ]  #: center of the pupil, scene units; z > 0, in front of the plate
     #: W, H in pixels
     resolution: tuple[int, int] = RESOLUTION
-    #: its diameter, scene units; 0 for a pinhole
+    #: diameter of the pupil, scene units; 0 for a pinhole
     pupil: float = 0.0
     #: height z, below the eye, of the plane in focus; without a pupil it has no effect
     focus: float = 0.0
@@ -83,8 +83,8 @@ class Eye:
 class HogelPixels(ShortRepr):
     """Hogel and pixel for each pixel of an eye's film, and two factors of its weight.
 
-    Columns depend on the eye's column alone, (W,), rows on its row, (H,). -1 where the ray meets no
-    hogel.
+    Columns (W,) depend only on the eye's column, and rows (H,) only on its row. They are -1 if the
+    ray meets no hogel.
     """
 
     hogel_column: Indices
@@ -109,7 +109,7 @@ class HogelPixels(ShortRepr):
 class Replay(ShortRepr):
     """All pixels of hogels in the view of an eye."""
 
-    #: pixels that show surfaces: nearest to the rays through the pupil's center
+    #: pixels that show surfaces: closest to the rays through the pupil's center
     shown: HogelPixels
     #: pixels whose weighted sum is the color
     colors: tuple[HogelPixels, ...]
@@ -132,7 +132,7 @@ class EyeImage(SurfaceImage):
     eye: Eye
     #: surface on the ray through the pupil's center, `NOTHING` where there is none
     triangle: Numbers
-    #: likewise
+    #: object number, `NOTHING` where there is none
     object: Numbers
     #: surface point, scene units; NaN where there is none or it is not known
     position: Floats

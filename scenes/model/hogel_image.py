@@ -1,4 +1,4 @@
-"""Hogel image, the result of every renderer: surfaces seen by one aperture, per pixel."""
+"""Hogel image, the result of every renderer: the surfaces visible from one aperture, per pixel."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from xfrustum.scenes.representation import NO_UNIT, SCENE_UNITS, Labelled, Short
 if TYPE_CHECKING:
     import xarray
 
-#: Further arrays of an image, coordinates that belong to all of it, and facts, by their names.
+#: Additional arrays of an image, coordinates of the whole image, and attributes, by name.
 Labels = tuple[dict[str, Labelled], dict[str, Labelled], dict[str, Any]]
 NOTHING = -1  #: triangle and object number of a pixel that shows no surface
 
 
 class Certainty(IntEnum):
-    """The way in which the truth of a pixel was decided."""
+    """Method by which the truth of a pixel was determined."""
 
-    #: decided in floating point, with an error bound that separates it from every other outcome
+    #: computed in floating point, with error bounds that exclude every other result
     PROVEN = 0
-    EXACT = 1  #: decided in rational arithmetic
+    EXACT = 1  #: computed in rational arithmetic
     #: equal in exact arithmetic: coincident surfaces, or a line exactly through a shared edge
     TIE = 2
-    UNEXAMINED = 3  #: not decided: a tracer's proposal
+    UNEXAMINED = 3  #: not certified: result of a tracer
 
 
 @dataclass(frozen=True, kw_only=True)
 class HogelCamera:
-    """The crossed frustum that an image answers for, in full double precision.
+    """Crossed frustum that an image must show, in double precision.
 
     The lines of the aperture are P(s) = (x, y, 0) + s (kx + u tx, ky + v ty, -1).
     """
@@ -51,9 +51,9 @@ class HogelCamera:
     shear: tuple[float, float]  #: k, slopes per unit of depth
     half_extent: tuple[float, float]  #: t, likewise
     reach: tuple[float, float]  #: toward the viewer and behind the plate, scene units
-    scene: str  #: name or path by which the scene can be opened again
-    scene_hash: str  #: proves that the scene is the same
-    renderer: str  #: with versions or devices, for people
+    scene: str  #: name or path from which the scene can be opened again
+    scene_hash: str  #: content hash, which proves that the scene is unchanged
+    renderer: str  #: name of the renderer, with version or device
     settings: DoubleFrustum | None = None  #: settings that drew the image; None for other renderers
     #: light paths per pixel over which color was averaged; None if no paths were traced
     light_paths: int | None = None
@@ -61,7 +61,7 @@ class HogelCamera:
 
 @dataclass(frozen=True, kw_only=True)
 class Rendering:
-    """The simulation behind the color of an image; transport is None without light paths."""
+    """Simulated effects in the color of an image; transport is None without light paths."""
 
     effects: tuple[Effect, ...]
     sampling: Sampling
@@ -92,7 +92,7 @@ class SurfaceImage(ShortRepr):
         raise NotImplementedError
 
     def _labels(self, units: str) -> Labels:
-        """Return further arrays, coordinates and facts by name, lengths in some units."""
+        """Return additional arrays, coordinates and attributes by name, with units of length."""
         raise NotImplementedError
 
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
@@ -130,14 +130,14 @@ class HogelImage(SurfaceImage):
     #: unit normal, oriented by the mesh's winding; NaN where there is no surface
     normal: NDArray[np.floating] | None = None
     color: Singles | None = None  #: linear RGB
-    #: of a color that is a mean over light paths; None if it has no noise
+    #: variance of a color that is a mean over light paths; None without noise
     variance: Singles | None = None
     certainty: Bytes | None = None  #: uint8 `Certainty`; None in images that are not certified
-    #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
+    #: (N, 3) row, column, triangle of surfaces that share a tie; None if not certified
     tied_triangles: Indices | None = None
-    #: computes `overruled` by a float32 tracer; None likewise
+    #: function that computes `overruled` with a float32 tracer; None if not certified
     second_opinion: Callable[[], Mask] | None = None
-    #: of the color; None if it is unknown or there is no color
+    #: simulated effects of the color; None if unknown or without color
     rendering: Rendering | None = None
     #: (H, W, 3) error bounds of coordinates by their storage; None if they are exact in float32.
     uncertainty: Floats | None = None
@@ -150,7 +150,7 @@ class HogelImage(SurfaceImage):
         return None if self.second_opinion is None else self.second_opinion()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state to pickle: the second opinion itself, without the scene."""
+        """Return the state for pickling: the evaluated second opinion, without the scene."""
         overruled = self.overruled
         return vars(self) | {
             "second_opinion": None if overruled is None else partial(np.asarray, overruled)
@@ -164,7 +164,8 @@ class HogelImage(SurfaceImage):
     @cached_property
     def off_plate(self) -> Mask:
         """Pixels that show a surface off the plate at a known position."""
-        # One axis after the other, because numpy reduces over so short an axis ten times slower.
+        # Test the axes separately, because NumPy's reduction over such a short axis is ten times
+        # slower.
         x, y, z = (self.position[..., axis] for axis in range(3))
         return read_only(self.covered & np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0))
 
@@ -174,7 +175,7 @@ class HogelImage(SurfaceImage):
         return self.position[..., 2]
 
     def at(self, pixels: Indices) -> HogelImage:
-        """Return pixels by flat number in one row: surfaces without normals and colors."""
+        """Return a one-row image of the pixels of flat numbers, without normals and colors."""
         names = ("triangle", "object", "position", "certainty")
         arrays = {name: value for name in names if (value := getattr(self, name)) is not None}
         some = {name: a.reshape(-1, *a.shape[2:])[pixels][None] for name, a in arrays.items()}

@@ -23,7 +23,7 @@ class ColorType(StrEnum):
 
     @property
     def dtype(self) -> np.dtype[np.generic]:
-        """NumPy's name of the type."""
+        """NumPy type."""
         name: DTypeLike = self.value
         return np.dtype(name)
 
@@ -47,8 +47,8 @@ class PlateContent:
     """Images of a stream of hogels; InputError for unknown types, channels and effects."""
 
     color: ColorType = ColorType.FLOAT16  #: type of linear RGB
-    ids: bool = False  #: true if the stream has triangle numbers, as with the channel of their name
-    channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color, and `ids`
+    ids: bool = False  #: true if the stream has triangle numbers, as with channel `TRIANGLE`
+    channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color and `ids`
     #: None selects the effects that the scene needs, which give the same pictures
     effects: frozenset[Effect] | None = None
 
@@ -73,7 +73,7 @@ class PlateContent:
 
 @dataclass(frozen=True, kw_only=True)
 class FilmPart:
-    """A rectangle of requested pixels of a hogel's film; both ends belong to it."""
+    """Rectangle of requested pixels of a hogel's film, with both ends included."""
 
     columns: tuple[int, int]
     rows: tuple[int, int]
@@ -106,6 +106,6 @@ class PlateHogel(PlateImages):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlateDirection(PlateImages):
-    """The images of one pixel of all hogels of a tile, a pixel for each hogel."""
+    """Images of one pixel of all hogels of a tile, with one pixel for each hogel."""
 
     pixel: tuple[int, int]  #: column and row in every hogel

@@ -1,4 +1,4 @@
-"""A scene, the question to every renderer: immutable, validated, in scene coordinates."""
+"""Scene, the input of every renderer: immutable, validated, in scene coordinates."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 from xfrustum.scenes.representation import ShortRepr
 
-#: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two
-#: stay within float32's range in pictures, and products of three far within the range of doubles,
-#: where bounds on rounding hold.
+#: Bounds of the lengths of plate, reach and screen, and of the largest coordinate. Products of two
+#: lengths are within the range of float32 in pictures, and products of three are far within the
+#: range of doubles, so that rounding bounds are valid.
 SHORTEST, LONGEST = 1e-30, 1e30
 #: Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at
-#: least 2^-53 of it, and products of three differences stay within the range of doubles even where
-#: all but the last digit of a sum cancels: the bounds on rounding, which are relative, hold
+#: least 2^-53 times this bound. Products of three differences are within the range of doubles even
+#: if all digits of a sum but the last cancel, so that the relative rounding bounds are valid
 #: (docs/truth.md).
 SMALLEST_COORDINATE = 1e-75
 #: largest slope of a line: beyond it float64 cannot separate neighboring pixels' lines
 STEEPEST = 1e12
-#: Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a
-#: triangle, in scenes of many millions.
+#: Number of triangles processed at once. It bounds the memory of intermediate results, 300 bytes
+#: per triangle, in scenes of many millions.
 TRIANGLES_AT_ONCE = 1 << 19
 MAX_LISTED_OBJECTS = 24  #: largest number of objects that a notebook lists; the others are counted
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    """Return the array with writing switched off."""
+    """Return the array, made read-only."""
     array.flags.writeable = False
     return array
 
 
 class NormalsMade(StrEnum):
-    """Share of an object's vertex normals that are made from its faces."""
+    """Which of an object's vertex normals are computed from its faces."""
 
     NONE = "none"
     SOME = "some"
@@ -55,9 +55,9 @@ class NormalsMade(StrEnum):
 
 @dataclass(frozen=True)
 class UnreadFeature:
-    """Feature of a mesh file that changes only looks and is not honoured.
+    """Unread feature of a mesh file that changes only the appearance.
 
-    A feature that would change geometry or place is refused with InputError instead.
+    An unread feature that would change geometry or position is refused with InputError instead.
     """
 
     feature: str  #: name in the file's own format, such as "KHR_texture_transform"
@@ -87,8 +87,8 @@ class SceneObject(ShortRepr):
     texture_of_triangle: Numbers | None = None  #: (F,) index into `textures`, or `UNTEXTURED`
     vertex_normals: Floats | None = None  #: (V, 3), NaN at vertices without
     vertex_colors: Floats | None = None  #: (V, 3) linear RGB
-    normals_made: NormalsMade = NormalsMade.NONE  #: from the faces, by `smooth = true`
-    unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
+    normals_made: NormalsMade = NormalsMade.NONE  #: normals computed from faces (`smooth = true`)
+    unread: tuple[UnreadFeature, ...] = ()  #: unread features of the mesh file
     warnings: tuple[str, ...] = ()  #: doubts about the placement, one line each
 
     def __post_init__(self) -> None:
@@ -140,7 +140,8 @@ UNTEXTURED = -1  #: number in `texture_of_triangle` of a triangle without a text
 class SurfaceAttributes(ShortRepr):
     """Attributes of all vertices and triangles, as in `SceneObject`; None if no object has any.
 
-    Where an object has none, colors are one, normals and texture coordinates NaN.
+    For objects without an attribute, colors are one, and normals and texture coordinates are
+    NaN.
     """
 
     vertex_normals: Floats | None
@@ -168,7 +169,7 @@ class SurfaceAttributes(ShortRepr):
             if own is None or part.uv is None:
                 numbers.append(np.full(len(part.faces), UNTEXTURED, dtype=np.int32))
                 continue
-            # A triangle shows no texture if a corner lacks texture coordinates.
+            # A triangle has no texture if a corner lacks texture coordinates.
             placed = np.isfinite(part.uv[part.faces]).all(axis=(1, 2))
             numbers.append(
                 np.where((own >= 0) & placed, own + len(textures), UNTEXTURED).astype(np.int32)
@@ -186,19 +187,19 @@ class SurfaceAttributes(ShortRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(ShortRepr):
-    """Plate, frustum and objects: one question for every renderer; there may be no objects.
+    """Plate, frustum and objects: the input of every renderer; there may be no objects.
 
-    Triangles are numbered through the objects in order, and within one in the order of its faces.
-    Coordinates are zero or lie between `SMALLEST_COORDINATE` and `LONGEST`.
+    Triangles are numbered consecutively through the objects, and within an object in the order of
+    its faces. Coordinates are zero or between `SMALLEST_COORDINATE` and `LONGEST`.
     """
 
     name: str
     plate: Plate
     frustum: Frustum
     objects: tuple[SceneObject, ...]
-    units: str = "units"  #: name of the scene's own length unit, for people
+    units: str = "units"  #: name of the scene's unit of length, for reports
     source: str = ""  #: path or built-in name by which the command line opens this scene
-    appearance: Appearance = field(default_factory=Appearance)  #: by default gray, under one light
+    appearance: Appearance = field(default_factory=Appearance)  #: by default gray, with one light
     sampling: Sampling = field(default_factory=Sampling)  #: by default one sample
     transport: Transport = field(default_factory=Transport)  #: by default none
 
@@ -288,14 +289,14 @@ class Scene(ShortRepr):
     @cached_property
     def height_ranges(self) -> Floats:
         """(2, F) lowest and highest z of each triangle."""
-        # Work corner by corner, here and below: NumPy is several times slower along rows of three
-        # numbers.
+        # Process corner by corner, here and below: NumPy is several times slower along rows of
+        # three numbers.
         z = self.vertices[:, 2][self.faces.T]
         return read_only(np.stack((reduce(np.minimum, z), reduce(np.maximum, z))))
 
     @cached_property
     def largest_coordinates(self) -> Floats:
-        """(F,) largest absolute coordinate of each triangle, the scale of its roundings."""
+        """(F,) largest absolute coordinate of each triangle, the scale of rounding errors."""
         of_vertex = reduce(np.maximum, np.abs(self.vertices.T))
         return read_only(reduce(np.maximum, of_vertex[self.faces.T]))
 
@@ -319,10 +320,10 @@ class Scene(ShortRepr):
 
     @cached_property
     def twins(self) -> Indices:
-        """(F, 3) for each side the number, 3 triangle + side, of the other side along it.
+        """(F, 3) number, 3 triangle + side, of the coincident side of another triangle.
 
-        Side k runs from corner k to the next one. -1 where no other triangle of the object has
-        corners at the same two places, and where several have.
+        Side k is from corner k to the next corner. The number is -1 unless exactly one other
+        triangle of the object has corners at the same two positions.
         """
         _, place = np.unique(self.vertices + 0.0, axis=0, return_inverse=True)
         corners = place.reshape(-1)[self.faces]
@@ -333,7 +334,8 @@ class Scene(ShortRepr):
         order = np.lexsort((ends[:, 1], ends[:, 0], owner))
         keys = np.column_stack((owner, ends))[order]
         same = np.append((keys[1:] == keys[:-1]).all(axis=1), False)
-        # Keep exact pairs: in sorted order the sides before and after them differ.
+        # Keep groups of exactly two equal sides: in sorted order the sides before and after them
+        # differ.
         first = np.flatnonzero(same & ~np.roll(same, 1) & ~np.roll(same, -1))
         twins = np.full(len(ends), -1)
         twins[order[first]], twins[order[first + 1]] = order[first + 1], order[first]
@@ -341,7 +343,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def content_hash(self) -> str:
-        """SHA-256 of plate, frustum and triangles, on which the geometry of images depends."""
+        """SHA-256 of plate, frustum and triangles, which determine the geometry of images."""
         digest = hashlib.sha256()
         parameters: dict[str, Any] = {"plate": asdict(self.plate), "frustum": asdict(self.frustum)}
         digest.update(json.dumps(parameters, sort_keys=True).encode())
@@ -353,7 +355,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:
-        """One material per object; the default if an object names none."""
+        """One material per object; the default material for objects without a name of one."""
         return tuple(self.appearance.material(part.material) for part in self.objects)
 
     @cached_property
@@ -362,7 +364,7 @@ class Scene(ShortRepr):
         return SurfaceAttributes.from_objects(self.objects)
 
     def default_apertures(self) -> tuple[Aperture, ...]:
-        """Return the apertures of a report: the middle one and, when recentered, two corners."""
+        """Return the apertures of a report: the middle, and two corners of a recentered plate."""
         if not self.frustum.recentered:
             return (self.plate.middle,)
         candidates = (self.plate.middle, *self.plate.corners)
@@ -389,8 +391,7 @@ def look_hash(scene: Scene) -> str:
         *surface.textures,
     ]
     for array in arrays:
-        # Hash the shape before the content, so that different lists of arrays never give the same
-        # bytes.
+        # Hash the shape before the content, so that different lists of arrays give different bytes.
         digest.update(json.dumps(None if array is None else array.shape).encode())
         digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -1,9 +1,9 @@
-"""Surfaces that images of some apertures can show, from the scene's geometry alone.
+"""Surfaces that may be visible from apertures, computed from the scene's geometry.
 
 Visibility is tested by height. A triangle is cut at the ends of the reach, at the plate and at the
-projection screen. Between two of these heights the apertures that see a point form an interval
-along each axis whose ends, as functions of the point, are extreme at the corners of the part.
-Occlusion is not considered: hidden surfaces are visible here.
+projection screen. Between two of these heights, the apertures from which a point is visible form an
+interval along each axis. As functions of the point, the ends of this interval are extreme at the
+corners of the triangle's part. Occlusion is not considered: hidden surfaces count as visible.
 """
 
 from __future__ import annotations
@@ -24,44 +24,45 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 Point = tuple[float, float, float]
 Interval = tuple[float, float]
 
-#: smallest near, share of the longest reach, for which images are known to end at `FAR_MARGIN`
+#: smallest near, fraction of the longest reach, for which `FAR_MARGIN` bounds images
 SMALLEST_NEAR_SHARE = 2.0**-16
-#: roundings of 2^-24 w in w - z, where clip depth z runs up to w at the far plane: two in z, one in
-#: w, one in the difference, and four times as many for vertices and matrices in float32
+#: roundings of 2^-24 w in w - z, where clip depth z equals w at the far plane: two in z, one in w,
+#: one in the difference; times four, because vertices and matrices are in float32 too
 FAR_ROUNDINGS = 16
-#: Factor by which a drawn image may reach too far. With `standard` and `gl` depth w - z = n (f - w)
-#: / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane by a
-#: share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all roundings together move it by a sixteenth; the
-#: factor allows twice that.
+#: Factor by which a drawn image may extend beyond the reach. With `standard` and `gl` depth,
+#: w - z = n (f - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves
+#: the far plane by a fraction 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all roundings together move
+#: it by a sixteenth; the factor allows twice this.
 FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
-#: Margin of lateral bounds, share of the largest term: a transform in float32 is off by at most
-#: eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times
-#: that.
+#: Margin of lateral bounds, relative to the largest term. The error of a float32 transform is at
+#: most eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32
+#: times as large.
 ROUNDING_MARGIN = 2.0**-16
 
-#: Distance from the plate, share of an object's largest coordinate, that rounding makes of 0: half
-#: a unit in the last place of float32, in which rasterizers and mesh files hold coordinates.
+#: Largest distance from the plate, relative to an object's largest coordinate, that counts as zero:
+#: half a ULP of float32, the type of coordinates in rasterizers and mesh files.
 PLATE_ROUNDING = 2.0**-24
 
 #: margin of aperture indices: coordinates have a dozen roundings of doubles, below 1e-12 of a cell
 INDEX_MARGIN = 1e-6
 
-#: triangles tested together: most objects have a visible one among the first
+#: number of triangles tested at once: in most objects one of the first is visible
 CHUNK_TRIANGLES = 1 << 12
 
 #: Largest number of triangles after splitting a coarse mesh. Each triangle marks a rectangle of
 #: apertures, and smaller triangles give tighter rectangles.
 MAX_SPLIT_TRIANGLES = 50_000
 
-#: Halvings of the reach at which bins of depth end. The innermost bin, from the plate to 1/64 of
-#: the reach, has every error that grows as 1/|z|.
+#: Number of halvings of the reach that separate depth bins. Errors that grow as 1/|z| are in the
+#: innermost bin, from the plate to 1/64 of the reach.
 HALVINGS = 6
 
 
 def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
     """Return whether a drawn image may show surfaces beyond `FAR_MARGIN` times the reach.
 
-    It may for tiny nears, unless clip depth is zero at the far plane (raster/cameras/cameras).
+    This happens with a tiny near, unless clip depth is zero at the far plane
+    (raster/cameras/cameras).
     """
     hyperbolic = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
     nearest = min((settings.near, *settings.slabs[:1]))
@@ -84,8 +85,9 @@ def half_extents(frustum: Frustum) -> Interval:
 def aside_of_frusta(
     frustum: Frustum, apertures: Sequence[Aperture], axis: int, ends: Interval
 ) -> Interval:
-    """Return the least and the largest x (axis 0) or y (1) of lines between two heights."""
-    # Lines are straight: the extremes lie at the two heights, or in the apertures between these.
+    """Return the smallest and the largest x (axis 0) or y (1) of lines between two heights."""
+    # Lines are straight, so that extremes are at the two heights, or at the apertures if these are
+    # between.
     z = np.array([z for z in (*ends, 0.0) if min(ends) <= z <= max(ends)])
     a = np.array([(aperture.x, aperture.y)[axis] for aperture in apertures])[:, None]
     middle, half = a + 0 * z, half_extents(frustum)[axis] * np.abs(z)
@@ -113,11 +115,11 @@ def _parts(triangles: Floats, low: float, high: float) -> tuple[Floats, Mask]:
 def _apertures_of(
     part: tuple[Floats, Mask], frustum: Frustum, axis: int, widened: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """Return the (F,) least and largest aperture coordinate whose lines meet each part.
+    """Return the (F,) smallest and largest coordinate of apertures whose lines meet each part.
 
-    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s) +
-    widened. The screen is at s = S and has its middle at m; without a screen 1/S is zero. Between
-    the heights of `_layers` 1 - s/S keeps its sign.
+    A point is on a line of the aperture at a if abs(x - s m/S - a (1 - s/S)) <= t abs(s) + widened.
+    The screen is at s = S with its middle at m; without a screen 1/S is zero. Between the heights
+    of `_layers`, the sign of 1 - s/S is constant.
     """
     corners, valid = part
     s, x = -corners[..., 2], corners[..., axis]
@@ -129,8 +131,8 @@ def _apertures_of(
     sign = np.where(np.where(valid, toward_a, 0.0).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     x, toward_a = x * sign, np.abs(toward_a)
     aside = half_extents(frustum)[axis] * np.abs(s) + widened
-    # At the screen, either all apertures see a point or none does: the bound is infinite, or the
-    # corner is left out.
+    # A point at the screen is visible from all apertures or from none: its bound is infinite, or
+    # the corner is left out.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         low, high = (x - aside) / toward_a, (x + aside) / toward_a
     low = np.where(valid, np.where(np.isnan(low), -np.inf, low), np.inf).min(axis=1)
@@ -152,7 +154,7 @@ def crosses_plate(scene: Scene, aperture: Aperture, window: Floats) -> bool:
     lowest, highest = scene.height_ranges
     some = scene.triangles[(lowest <= 0) & (highest >= 0) & (lowest < highest)]
     corners, valid = _parts(some, 0.0, 0.0)
-    # A triangle meets the plate in a segment: from one of the meeting points to the farthest other
+    # A triangle meets the plate in a segment: from one intersection point to the farthest other
     # one.
     places = np.where(valid[..., None], corners[..., :2] - [aperture.x, aperture.y], np.nan)
     first = np.take_along_axis(places, valid.argmax(axis=1)[:, None, None], axis=1)
@@ -171,10 +173,10 @@ def crosses_plate(scene: Scene, aperture: Aperture, window: Floats) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """Crossed frusta of a rectangle of apertures, widened for drawn images; a bound from above."""
+    """Crossed frusta of a rectangle of apertures, widened for drawn images: an outer bound."""
 
     frustum: Frustum
-    apertures: tuple[Interval, Interval]  #: lowest and highest x, and y, of the points of lines
+    apertures: tuple[Interval, Interval]  #: ranges of x and y of the apertures, scene units
     widened: Interval = (0.0, 0.0)  #: along x and y, scene units
     reach: Interval  #: toward the viewer and behind the plate, scene units
 
@@ -187,8 +189,8 @@ class Region:
     ) -> Region:
         """Return the region of drawn images of some apertures with their cells; None for all.
 
-        It holds for every near from `SMALLEST_NEAR_SHARE` of the reach up; for a smaller near, give
-        the settings.
+        It is valid for every near of at least `SMALLEST_NEAR_SHARE` of the reach; a smaller near
+        needs the settings.
         """
         unbounded = any(loses_far_plane(scene, choice) for choice in settings)
         margin = math.inf if unbounded else FAR_MARGIN
@@ -216,7 +218,7 @@ class Region:
     def holds(self, triangles: Floats, heights: Interval | None = None) -> Mask:
         """Return the mask (F,) of triangles that may be partly in the region, between two heights.
 
-        False is certain.
+        False entries are certain.
         """
         toward, back = self.reach
         held = np.zeros(len(triangles), dtype=np.bool_)
@@ -240,10 +242,10 @@ class Region:
 
 
 def _widened(scene: Scene, step: float) -> Interval:
-    """Return how much farther lines of a camera that steps back run to the side, along x and y.
+    """Return the lateral widening of lines of an offset camera, along x and y.
 
-    A camera at a step has half a film of the step more on each side, and with pivot `camera` its
-    shear; float32 rounds the sum of all terms.
+    The offset `step` widens the lines by the half-extent times the step on each side, and with
+    pivot `camera` also by the shear times the step. Float32 rounding of all terms is added.
     """
     frustum, widths = scene.frustum, []
     for axis, half in enumerate(half_extents(frustum)):
@@ -261,8 +263,8 @@ def apertures_in_view(
 ) -> Mask:
     """Return a map (rows, columns) of hogels that may show an object; False is certain."""
     columns, rows = plate.hogels
-    # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative
-    # sums along both are the numbers of rectangles over each aperture.
+    # Each rectangle adds +1 at its beginning and -1 after its end, in rows and columns. Cumulative
+    # sums along both axes count the rectangles that cover each aperture.
     steps = np.zeros((rows + 1, columns + 1), dtype=np.int64)
     for triangles in triangles_in_chunks(part):
         for ends in _layers(frustum, -frustum.reach[1], frustum.reach[0]):
@@ -304,7 +306,7 @@ def _indices_between(low: Floats, high: Floats, plate: Plate, axis: int) -> tupl
 
 
 def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
-    """Return a map (rows, columns) of hogels with any content, true or drawn; False is certain."""
+    """Return a map (rows, columns) of hogels that may show a surface, true or drawn."""
     plate, frustum = scene.plate, scene.frustum
     flags = np.full(plate.hogels[::-1], any(loses_far_plane(scene, choice) for choice in settings))
     widened = _widened(scene, max(choice.near for choice in settings))
@@ -322,7 +324,8 @@ def sees_any(scene: Scene, apertures: Sequence[Aperture]) -> bool:
     first = next(iter(apertures), None)
     if first is None:
         return True
-    # Usually the first aperture decides: do not list a plate of millions of apertures.
+    # Test the first aperture first: it is usually enough, and a plate may have millions of
+    # apertures.
     here = ((first.x, first.x), (first.y, first.y))
     region = Region(frustum=scene.frustum, apertures=here, reach=scene.frustum.reach)
     if any(region.shows(part) for part in scene.objects):
@@ -339,7 +342,7 @@ def sees_any(scene: Scene, apertures: Sequence[Aperture]) -> bool:
 
 
 def triangles_in_chunks(part: SceneObject) -> Iterator[Floats]:
-    """Yield (F, 3, 3) corners of triangles with an area, in chunks: cutting takes memory."""
+    """Yield (F, 3, 3) corners of triangles with an area, in chunks that bound memory."""
     for start in range(0, len(part.faces), 4 * CHUNK_TRIANGLES):
         triangles = part.vertices[part.faces[start : start + 4 * CHUNK_TRIANGLES]]
         yield triangles[has_area(triangles)]
@@ -387,14 +390,14 @@ def share_between(triangles: Floats, low: float, high: float) -> Floats:
     lowest, middle, highest = z = np.sort(triangles[..., 2], axis=1).T
 
     def quotient(part: Floats, whole: Floats) -> Floats:
-        # Quotients outside 0 to 1 are not used, and might overflow.
+        # Quotients outside 0 to 1 are not needed, and might overflow.
         usable = (whole > 0) & (part >= 0) & (part <= whole)
         return np.divide(part, whole, out=np.ones(z.shape[1]), where=usable)
 
     def below(height: float) -> Floats:
-        # The length of a triangle's section grows linearly from its lowest corner to its middle
-        # one, and shrinks linearly from there: the area below is quadratic in the height on either
-        # side.
+        # The length of a triangle's horizontal section grows linearly from the lowest corner to the
+        # middle corner, and shrinks linearly above. The area below a height is therefore quadratic
+        # on either side.
         rise, fall = height - lowest, highest - height
         rising = quotient(rise, highest - lowest) * quotient(rise, middle - lowest)
         falling = quotient(fall, highest - lowest) * quotient(fall, highest - middle)
@@ -407,7 +410,7 @@ def share_between(triangles: Floats, low: float, high: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Sight:
-    """Apertures of a plate whose crossed frusta hold some part of an object, hidden or not."""
+    """Apertures of a plate whose crossed frusta contain a part of an object, hidden or not."""
 
     apertures: int
     of: int
@@ -419,7 +422,7 @@ class Sight:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectExtent:
-    """Place and size of one object, scene units."""
+    """Position and size of one object, scene units."""
 
     number: int
     name: str
@@ -520,8 +523,7 @@ def _held(
     low_z, high_z = (-far, -near) if behind else (near, far)
     distances = triangles[..., 2] * (-1 if behind else 1)
     least, most = distances.min(axis=1), distances.max(axis=1)
-    # A triangle that lies flat between two bins belongs to the inner bin; in the plate, to both
-    # sides.
+    # A horizontal triangle between two bins belongs to the inner bin; in the plate, to both sides.
     outer_end = np.where(least == most, least <= far, least < far)
     inner_end = (most > near) | ((least == most) & (most == 0) & (near == 0))
     inside = triangles[outer_end & inner_end]

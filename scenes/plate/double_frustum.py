@@ -9,8 +9,8 @@ from xfrustum.scenes.arguments import choice, real, reals, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Frustum
 
-#: Smallest near distance, in scene units: the smallest normal float32. Devices may round a smaller
-#: one to zero.
+#: Smallest near distance, in scene units: the smallest normal float32. Devices may round smaller
+#: numbers to zero.
 SMALLEST_NEAR = 2.0**-126
 
 
@@ -23,11 +23,11 @@ class DepthFormat(StrEnum):
 
 
 class DepthMapping(StrEnum):
-    """The function by which distance w from the camera, near n to far f, becomes the stored depth.
+    """Function from distance w, between near n and far f, to stored depth.
 
-    `STANDARD` is hyperbolic, 0 at near to 1 at far; `GL` the same with clip depth -1..1; `REVERSED`
-    goes from 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and `LINEAR` (w - n)/(f - n), both
-    written by the fragment.
+    `STANDARD` is hyperbolic, from 0 at near to 1 at far. `GL` is the same with clip depth -1..1,
+    and `REVERSED` is from 1 to 0. `LOGARITHMIC` is ln(w/n)/ln(f/n), and `LINEAR` is
+    (w - n)/(f - n); both are written by the fragment shader.
     """
 
     STANDARD = "standard"
@@ -52,7 +52,7 @@ class Offset(StrEnum):
 
 
 class Fit(StrEnum):
-    """Angles of the offset cameras: the frustum's own, or exact on the screen."""
+    """Angles of the offset cameras: equal to the frustum's, or exact on the screen."""
 
     ANGLE = "angle"
     SCREEN = "screen"
@@ -79,21 +79,21 @@ class Cull(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class DoubleFrustum:
-    """A way to draw the two cameras C and C*; names may be strings, such as `depth="d24"`.
+    """Settings of the two cameras C and C*; names may be strings, such as `depth="d24"`.
 
-    Raises InputError for a name that means nothing, or a length that is not positive and finite.
+    Raises InputError for an unknown name, or for a length that is not positive and finite.
     """
 
-    #: Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`,
-    #: and where their near planes lie.
+    #: Near distance n > 0, scene units: distance of the near planes from the cameras, and offset of
+    #: both cameras if `offset` is `plate`.
     near: float
     depth: DepthFormat = DepthFormat.D24
     mapping: DepthMapping = DepthMapping.STANDARD
     camera: Camera = Camera.BOTH
     pivot: Pivot = Pivot.APERTURE
     offset: Offset = Offset.PLATE
-    #: A `Fit`, or the height |z| whose two planes are drawn exactly; None selects the far end of
-    #: the first slab if there are slabs, else the angle.
+    #: A `Fit`, or the height |z| of the two planes that are drawn without displacement. None
+    #: selects the far end of the first slab if there are slabs, else the angle.
     fit: Fit | float | None = None
     #: Heights |z| at which both frusta are cut, ascending. Every slab except the first has its own
     #: near plane, and cameras exactly at the aperture; `fit` and `offset` apply to the first.
@@ -128,7 +128,7 @@ class DoubleFrustum:
             settle(self, **{name: choice(kind, getattr(self, name), name)})
 
     def check_against(self, frustum: Frustum) -> None:
-        """Raise InputError if these settings make no sense for a frustum."""
+        """Raise InputError if these settings are invalid for a frustum."""
         if not self.near < frustum.longest_reach:
             raise InputError(
                 f"near {self.near} must be smaller than the reach, {frustum.longest_reach}; "
@@ -162,5 +162,5 @@ class DoubleFrustum:
 
     @property
     def depth_label(self) -> str:
-        """Format and mapping as people write them, such as `D24 standard`."""
+        """Format and mapping for reports, such as `D24 standard`."""
         return f"{self.depth.upper()} {self.mapping}"

@@ -1,8 +1,8 @@
 """The plate, its apertures and their crossed frustum (paper, section 3; frames in CONVENTIONS.md).
 
-Formulas that make lines and matrices of these parameters are written twice, in
-`reference.lines.lines` and `raster.cameras.cameras`, and never here: a formula shared by both
-answers would hide its own mistake.
+The formulas of lines and matrices exist twice, in `reference.lines.lines` and
+`raster.cameras.cameras`, and not here: a mistake in a formula shared by both renderers would not be
+detected.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from xfrustum.scenes.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class Aperture:
-    """One aperture: the point that every line of its hogel passes through; else InputError."""
+    """One aperture: the common point of all lines of a hogel; InputError if invalid."""
 
     column: int
     row: int  #: 0 is at the top
@@ -39,7 +39,7 @@ class Aperture:
 
     @property
     def index(self) -> tuple[int, int]:
-        """Column and row, in the order in which the command line takes them."""
+        """Column and row, in the order of the command line."""
         return (self.column, self.row)
 
 
@@ -109,8 +109,7 @@ class ApertureBlocks(Sequence[Aperture]):
                         yield self.plate.aperture(column, row)
 
     def __len__(self) -> int:
-        # Rows between two neighboring ends of blocks lie in the same blocks, and have the same
-        # columns.
+        # Rows between two neighboring ends of blocks are in the same blocks, with the same columns.
         ends = sorted({end for _, rows in self.blocks for end in (rows.start, rows.stop)})
         return sum(
             (stop - start) * len(set[int]().union(*(c for c, rows in self.blocks if start in rows)))
@@ -143,9 +142,9 @@ class ApertureBlocks(Sequence[Aperture]):
 
 @dataclass(frozen=True, kw_only=True)
 class PlateTile:
-    """A rectangle of hogels, seen together by one pixel of each: the film of a view by direction.
+    """Rectangle of hogels: the film of an image by direction.
 
-    A view has a pixel for each hogel, row 0 of the tile on top.
+    An image by direction has one pixel for each hogel, with row 0 of the tile on top.
     """
 
     plate: Plate
@@ -163,8 +162,9 @@ class PlateTile:
         return len(self.columns), len(self.rows)
 
 
-#: Smallest half-extent of a film, as a slope. Neighboring lines of an image 1e4 pixels wide differ
-#: by 2e-4 of it: at 1e-12 that is the rounding of a shear of order one in double precision.
+#: Smallest half-extent of a film, as a slope. Slopes of neighboring lines of an image 1e4 pixels
+#: wide differ by 2e-4 of it: at 1e-12 this is the rounding error of a shear of about one in double
+#: precision.
 SMALLEST_SLOPE = 1e-12
 
 
@@ -247,5 +247,5 @@ class Frustum:
 
     @property
     def longest_reach(self) -> float:
-        """The larger reach of both sides, which is meant where no side is named."""
+        """The larger reach of the two sides, used where no side is specified."""
         return max(self.reach)
