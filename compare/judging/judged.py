@@ -48,6 +48,7 @@ from xfrustum.compare.metrics.error_maps import (
 from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, Front, RendererModel, unflipped
 from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
+from xfrustum.compare.rounding.directions import DirectionPlate
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Mask, Singles
@@ -202,6 +203,8 @@ class Judging:
     compared: Compared = Compared.COLOR
     color_tolerance: float = pictures.COLOR_TOLERANCE
     device: DeviceModel = ANY_DEVICE  #: by whose roundings wrong pixels are explained
+    #: the plate, if it was drawn by directions, whose cameras then explain wrong pixels
+    directions: DirectionPlate | None = None
     # The curve through which pictures are read, if not the stated one. A stored level is a larger
     # difference than the tolerance where the curve is steep: half of it is lost by each
     # rounding.
@@ -370,7 +373,7 @@ def judge(
             spread, measured_by = Spread.from_values(length[known]), MeasuredBy.POINTS
     else:
         spread, measured_by = _moved_outlines(scene, seen)
-    causes = seen.causes(scene, question, judging.device) if explained else None
+    causes = seen.causes(reference, question, judging) if explained else None
     differing = int(seen.differs.sum())
     numbers = HogelNumbers(
         shown=count,
@@ -421,7 +424,7 @@ def wrong_pixels(
         seen = replace(
             seen, differs=seen.differs | seen.shown & (errors.wrong | (moved > TOLERANCE_PX))
         )
-    causes = seen.causes(reference.scene, question, judging.device) if explained else None
+    causes = seen.causes(reference, question, judging) if explained else None
     return seen.differs, seen.differs if causes is None else causes.unexplained
 
 
@@ -505,15 +508,20 @@ class _Compared:
             outlines=outlined,
         )
 
-    def causes(self, scene: Scene, question: RendererModel, device: DeviceModel) -> Causes | None:
+    def causes(
+        self, reference: Reference, question: RendererModel, judging: Judging
+    ) -> Causes | None:
         """Return the causes of the wrong pixels; None if images name no triangles."""
         # Nor through a lens: rounding is modeled only for edges that are straight on the film.
         if self.by != "triangle" or question.film != EVEN:
             return None
+        scene, device, pixels = reference.scene, judging.device, np.flatnonzero(self.differs)
+        # Models with defects are candidates of a diagnosis, each with two cameras.
+        if judging.directions is not None and question == RendererModel():
+            images = self.answer, self.upright
+            return judging.directions.explain(reference, device, images, pixels)
         cameras = foreign_cameras(scene, question, self.answer.camera.aperture, device)
-        return find_causes(
-            scene.triangles, cameras, self.answer, self.upright, np.flatnonzero(self.differs)
-        )
+        return find_causes(scene.triangles, cameras, self.answer, self.upright, pixels)
 
 
 def wrong_surfaces(

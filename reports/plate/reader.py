@@ -13,6 +13,7 @@ import numpy as np
 import zarr
 from pydantic import TypeAdapter, ValidationError
 
+from xfrustum.compare.rounding.directions import DirectionPlate
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.reports.plate.arrays import (
     ATTRIBUTE,
@@ -25,8 +26,10 @@ from xfrustum.reports.plate.arrays import (
     shard_files,
 )
 from xfrustum.scenes import DoubleFrustum, Frustum, HogelCamera, InputError
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate.plate import Aperture, Plate, PlateTile
 
 #: largest size of the images of hogels that are read together, bytes
 MOST_BYTES = 1 << 28
@@ -57,6 +60,21 @@ class _Renderer:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Layout:
+    """Layout of a plate."""
+
+    #: columns and rows of hogels of a tile by directions
+    tile: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Directions:
+    """Settings of a plate that was drawn by directions."""
+
+    depth: DepthFormat
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Description:
     """Parts of a description that readers use; others are ignored."""
 
@@ -67,6 +85,9 @@ class _Description:
     renderer: _Renderer
     #: None for a plate of truths
     settings: DoubleFrustum | None = None
+    #: None for a plate by hogels, or of truths
+    directions: _Directions | None = None
+    layout: _Layout = _Layout()
 
 
 _DESCRIPTION = TypeAdapter(_Description)
@@ -109,6 +130,24 @@ def checked_group(place: Path) -> zarr.Group:
         # A changed array would yield plausible pixels of another plate.
         require_arrays(place, arrays)
     return group
+
+
+def direction_plate(place: Path) -> DirectionPlate | None:
+    """Return a plate that was drawn by directions, whose triangles are stored; None for others."""
+    group = open_group(place)
+    if not isinstance(group.attrs.get(ATTRIBUTE), Mapping):
+        return None
+    described = _described(place, group.attrs)
+    drawn, tile = described.directions, described.layout.tile
+    if drawn is None or tile is None or Channel.TRIANGLE not in group:
+        return None
+    stored: Any = group[Channel.TRIANGLE]
+
+    def shown(hogels: PlateTile, pixel: tuple[int, int]) -> Numbers:
+        (columns, rows), (column, row) = (hogels.columns, hogels.rows), pixel
+        return np.asarray(stored[rows.start : rows.stop, columns.start : columns.stop, row, column])
+
+    return DirectionPlate(depth=drawn.depth, tile=tile, shown=shown)
 
 
 class PlateReader:

@@ -13,6 +13,7 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from glob import escape, iglob
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.rounding.directions import DirectionPlate
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.exchange.convert import GroupPlate, PlateArray, open_plate
 from xfrustum.reports.exchange.words import described
 from xfrustum.reports.plate.arrays import METADATA
-from xfrustum.reports.plate.reader import checked_group
+from xfrustum.reports.plate.reader import checked_group, direction_plate
 from xfrustum.reports.verification.request import Renderer, Request
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arguments import check_program
@@ -88,6 +90,11 @@ class Source:
     def of_views(self) -> bool:
         """Truth of hogels being put together from views."""
         return False
+
+    @cached_property
+    def directions(self) -> DirectionPlate | None:
+        """Plate that our rasterizer drew by directions; None for images of any other kind."""
+        return None
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture, or raise Problem with the reason why there is none."""
@@ -271,6 +278,11 @@ class StoredPlate(Source):
         arrays = " and ".join(name for name, plate in judged.items() if plate is not None)
         self.name = f"{self.place}, array {arrays}"
 
+    @cached_property
+    def directions(self) -> DirectionPlate | None:
+        """Plate with its depth buffer and tiles, if it was drawn by directions."""
+        return direction_plate(self.place)
+
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture by the arrays that are judged."""
         colors, numbers = (
@@ -442,7 +454,13 @@ def opened(request: Request, reference: Reference) -> Iterator[Source]:
         yield Function(function=source, **common)
     elif options.layout is None and _is_group(Path(source)):
         stated = options.encoding is not None
-        yield StoredPlate(place=Path(source), stated=stated, **common)
+        plate = StoredPlate(place=Path(source), stated=stated, **common)
+        if plate.directions is not None and options.near:
+            raise InputError(
+                f"--near {options.near:g}: SOURCE {source} was drawn by directions, without a near "
+                "offset; leave out --near"
+            )
+        yield plate
     elif options.layout is not None or is_place(source, request.scene.plate):
         layouts = LAYOUTS if options.layout is None else layouts_named(options.layout)
         files = find_files(Path(source), shape_of(request.scene), layouts)

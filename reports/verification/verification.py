@@ -23,7 +23,7 @@ from xfrustum.compare.diagnosis.diagnosis import (
     with_correction_tested,
 )
 from xfrustum.compare.diagnosis.testset import TestSet
-from xfrustum.compare.judging.judged import Figures, judge
+from xfrustum.compare.judging.judged import Figures, Judging, judge
 from xfrustum.compare.judging.verdict import Hogel
 from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
@@ -139,6 +139,11 @@ class Run:
             truth_by=request.truth_by,
         )
 
+    @property
+    def judging(self) -> Judging:
+        """Comparison of images as requested, by the cameras of the source."""
+        return replace(self.request.limits.judging, directions=self.source.directions)
+
     def question(self, done: Callable[[], object] = lambda: None) -> Question:
         """Diagnose a sample of hogels; `done` is called after each."""
         request, images = self.request, list[HogelImage]()
@@ -150,7 +155,7 @@ class Run:
             reference=self.reference,
             images=images,
             nominal=request.nominal,
-            judging=request.limits.judging,
+            judging=self.judging,
         )
         findings = diagnose(test, of_views=self.source.of_views)
         conventions = [name for name in request.accept if name != ENCODING]
@@ -205,7 +210,7 @@ class Run:
         points = shown_points(scene, model, decoded)
         explained = not question.corrects
         as_found = corrected = judge(
-            reference, question.model, decoded, points, limits.judging, explained=explained
+            reference, question.model, decoded, points, self.judging, explained=explained
         )
         if question.corrects:
             restored = encoding.read(reference, image)

@@ -1,0 +1,135 @@
+"""Wrong pixels of plates by directions are explained by the cameras that drew them."""
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from tests.support.views import soup, view
+from xfrustum import verify
+from xfrustum.compare.judging.judged import Judging, judge
+from xfrustum.compare.renderer_model.drawn_model import RendererModel
+from xfrustum.compare.rounding.causes import HEADINGS
+from xfrustum.reference import Reference
+from xfrustum.reports.plate.directions import write_directions
+from xfrustum.reports.plate.plate import PlateOptions
+from xfrustum.reports.verification.sources import StoredPlate
+from xfrustum.scenes import NOTHING, DepthFormat, Frustum, InputError, Plate, Scene, Screen
+from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes.model.plate_content import Channel, PlateContent
+
+#: Hogels of all tiles, which meet between rows 2 and 3 and rows 5 and 6.
+EVERY = [(column, row) for row in range(7) for column in range(9)]
+SOME = [(4, 2), (4, 3), (8, 3), (2, 6)]
+D16, D24, D32F = DepthFormat
+BEHIND = "asymmetric before a screen"
+
+
+def small(name: str) -> Scene:
+    scene = view("asymmetric-recentered" if name == BEHIND else name, (14, 10))
+    if name == BEHIND:
+        screen = Screen(height=-160.0, center=(9.0, -6.0), size=(200.0, 170.0))
+        scene = replace(scene, frustum=replace(scene.frustum, screen=screen))
+    return replace(scene, plate=Plate(size=scene.plate.size, hogels=(9, 7)))
+
+
+def drawn(scene: Scene, out: Path, depth: DepthFormat, tiles: int = 3) -> Path:
+    """Draw a plate in tiles of some rows."""
+    options = PlateOptions(content=PlateContent(channels=(Channel.TRIANGLE,)), block=(4, 3))
+    assert write_directions(scene, depth, out, options, memory=20_000).tiles == tiles
+    return out
+
+
+def causes(scene: Scene, plate: Path, hogels: list[tuple[int, int]]) -> Counter[str]:
+    """Return the numbers of wrong pixels by cause, all of them, and shown pixels of some hogels."""
+    reference, counts = Reference(scene), Counter[str]()
+    source = StoredPlate(place=plate, stated=False, reference=reference)
+    judging = Judging(directions=source.directions)
+    for index in hogels:
+        image = source.image(scene.plate.aperture(*index))
+        figures = judge(reference, RendererModel(), image, image.position, judging, explained=True)
+        assert figures.numbers.causes is not None
+        counts.update(figures.numbers.causes)
+        counts.update(wrong=figures.numbers.wrong, shown=figures.numbers.shown)
+    return counts
+
+
+@pytest.mark.parametrize(
+    ("name", "depth"),
+    [
+        ("asymmetric", D16),
+        ("asymmetric-recentered", D32F),
+        pytest.param("crossing", D16, marks=pytest.mark.slow),
+        pytest.param(BEHIND, D24, marks=pytest.mark.slow),
+        pytest.param("large-triangles", D24, marks=pytest.mark.slow),
+    ],
+)
+def test_every_wrong_pixel_is_explained(name: str, depth: DepthFormat, tmp_path: Path) -> None:
+    scene = small(name)
+    counts = causes(scene, drawn(scene, tmp_path / "x.zarr", depth), EVERY)
+    assert counts["wrong"] == sum(counts[name] for name in HEADINGS) > 0
+    assert counts["unexplained"] == 0
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return drawn(small("asymmetric"), tmp_path_factory.mktemp("plate") / "x.zarr", D24)
+
+
+def without_box(triangle: Numbers) -> Numbers:
+    gone = np.append(small("asymmetric").object_of_number == 3, False)
+    return np.where(gone[triangle], NOTHING, triangle)
+
+
+@pytest.mark.parametrize(
+    ("defect", "least"),
+    [
+        (lambda triangle: np.roll(triangle, 1, axis=1), 100),
+        (lambda triangle: triangle[:, :, ::-1, ::-1], 100),
+        (without_box, 20),
+    ],
+    ids=["hogels shifted", "d negated", "box missing"],
+)
+def test_no_rounding_explains_defects(
+    defect: Callable[[Numbers], Numbers], least: int, plate: Path, tmp_path: Path
+) -> None:
+    other = Path(shutil.copytree(plate, tmp_path / "x.zarr"))
+    array: Any = zarr.open_group(other, mode="r+")["triangle"]
+    array.with_config({"write_empty_chunks": True})[:] = defect(array[:])
+    assert causes(small("asymmetric"), other, SOME)["unexplained"] > least
+
+
+def test_the_depth_buffer_is_taken_from_the_description(tmp_path: Path) -> None:
+    """Sheets a fifth of a step of 16 bits apart: the farther, drawn first, stays."""
+    step = 128.0 / 2**16
+    corners = [(x, y, 40.0) for y in (-30.0, 30.0) for x in (-30.0, 30.0)]
+    sheet = np.array([[corners[n] for n in (0, 1, 3)], [corners[n] for n in (0, 3, 2)]])
+    frustum = Frustum(resolution=(4, 2), reach=(80.0, 48.0), fov=(1.0, 1.0))
+    scene = soup(np.concatenate((sheet - [0.0, 0.0, step / 5], sheet)), frustum)
+    scene = replace(scene, plate=Plate(size=(16.0, 16.0), hogels=(4, 4)))
+    plate = drawn(scene, tmp_path / "x.zarr", D16, tiles=1)
+    file, hogels = plate / "zarr.json", [(0, 0), (2, 3)]
+    described = json.loads(file.read_text())
+    for depth, cause in (("d16", "order"), ("d32f", "unexplained")):
+        described["attributes"]["xfrustum"]["directions"]["depth"] = depth
+        file.write_text(json.dumps(described))
+        counts = causes(scene, plate, hogels)
+        assert counts["wrong"] == counts["shown"] == 16 and counts[cause] >= 12
+
+
+def test_such_plates_are_verified(plate: Path) -> None:
+    scene = small("asymmetric")
+    result = verify(scene, str(plate), apertures=SOME, max_wrong=0.2)
+    numbers = result.as_found
+    assert numbers is not None and numbers.causes is not None
+    assert result.passed and not result.diagnosis.faults
+    assert numbers.causes["unexplained"] == 0 < numbers.wrong
+    with pytest.raises(InputError, match="drawn by directions, without a near offset; leave out"):
+        verify(scene, str(plate), near=0.1)
