@@ -86,7 +86,7 @@ class Plate:
 
     @property
     def corners(self) -> tuple[Aperture, Aperture]:
-        """Apertures at top left and bottom right, where a recentered frustum shears most."""
+        """Apertures at top left and bottom right, with the largest shear if recentered."""
         return self.aperture(0, 0), self.aperture(self.hogels[0] - 1, self.hogels[1] - 1)
 
 
