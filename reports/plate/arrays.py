@@ -13,7 +13,7 @@ import math
 import warnings
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -402,11 +402,10 @@ def require_arrays(place: Path, arrays: PlateArrays, *, exactly: bool = False) -
     Both copies of the descriptions are compared: those in the folders of the arrays, and the
     consolidated ones in the group's file. With `exactly` chunks and codecs must agree too.
     """
-    expected = make_group(MemoryStore(), arrays, {})
     for consolidated in (True, False):
         try:
             group = open_group(place, consolidated=consolidated)
-            if problem := _difference(group, expected, arrays, exactly=exactly):
+            if problem := _difference(group, arrays, exactly=exactly):
                 raise InputError(
                     f"{place}: {problem}; draw the plate again, at another place, or bring its "
                     "files back"
@@ -417,21 +416,29 @@ def require_arrays(place: Path, arrays: PlateArrays, *, exactly: bool = False) -
             ) from error
 
 
-def _difference(
-    group: zarr.Group, expected: zarr.Group, arrays: PlateArrays, *, exactly: bool
-) -> str | None:
+@lru_cache(maxsize=8)
+def _expected(arrays: PlateArrays, *, exactly: bool) -> dict[str, dict[str, str]]:
+    """Return the facts that each array of a plate declares, by name."""
+    group: Any = make_group(MemoryStore(), arrays, {})
+    return {name: _declared(group[name], exactly=exactly) for name in group.array_keys()}
+
+
+def _difference(group: zarr.Group, arrays: PlateArrays, *, exactly: bool) -> str | None:
     """Describe the first difference of a group from the expected group."""
     if group.attrs.get("units") != arrays.units:
         return f"its units are {group.attrs.get('units')}, and the scene's {arrays.units}"
-    for name in expected.array_keys():
-        if name not in group:
+    stored: dict[str, Any] = {}
+    for name, expects in _expected(arrays, exactly=exactly).items():
+        # Each access to a group is a call of Zarr's own thread.
+        stored[name] = group.get(name)
+        if stored[name] is None:
             return f"has no array {name}"
-        stored, expects = (_declared(side[name], exactly=exactly) for side in (group, expected))
+        facts = _declared(stored[name], exactly=exactly)
         for key in expects:
-            if stored.get(key) != expects[key]:
-                return f"{key} of {name} is {stored.get(key)}, and should be {expects[key]}"
+            if facts.get(key) != expects[key]:
+                return f"{key} of {name} is {facts.get(key)}, and should be {expects[key]}"
     for name, _, places, _, _ in arrays.coordinates():
-        values = np.asarray(group[name][:])  # type: ignore[index]
+        values = np.asarray(stored[name][:])
         wrong = np.flatnonzero(values != places)
         if wrong.size:
             first = wrong[0]
