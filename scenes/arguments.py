@@ -23,6 +23,8 @@ NO_COUNT = -1  # replaces a value that is not a whole number; it is below every 
 
 def real(value: object) -> float:
     """Return a number as float; NaN for other values, including booleans and strings."""
+    if type(value) is float:  # the common case: tests of abstract classes take microseconds
+        return value
     if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
     try:
@@ -39,6 +41,8 @@ def reals(values: object, length: int | None = None) -> tuple[float, ...]:
 
 def whole(value: object) -> int:
     """Return a whole number as int; `NO_COUNT` if it is not a whole number."""
+    if type(value) is int:
+        return value
     return NO_COUNT if isinstance(value, bool) or not isinstance(value, Integral) else int(value)
 
 

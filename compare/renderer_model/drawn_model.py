@@ -345,8 +345,8 @@ class RendererModel:
 
     def placed(self, aperture: Aperture) -> Aperture:
         """Return an aperture at its position in this model."""
-        x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset
-        return replace(aperture, x=float(x), y=float(y))
+        (px, py), (ox, oy) = self.pitch, self.aperture_offset
+        return replace(aperture, x=aperture.x * px + ox, y=aperture.y * py + oy)
 
     def frustum(self, scene: Scene) -> Frustum:
         """Return the scene's frustum with the projection screen of this model."""
