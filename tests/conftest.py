@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from tests.support.commands import Command
     from tests.support.worlds import World
 
-# NumPy's libraries wait busily for their threads, too, which small matrices do not need
-# (`on_one_thread`).
-for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+# NumPy's libraries wait busily for their threads, and Mesa's software renderer wakes its own for
+# each call: small matrices and films do not need them (`on_one_thread`). Mesa's 0 means none.
+THREADS = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
+for name, count in THREADS.items():
+    os.environ.setdefault(name, count)
 
 EXAMPLES, EXAMPLES_EVERY_TIME = 100, 25  #: of hypothesis with the slow tests, and without them
 

@@ -92,8 +92,11 @@ def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int
 )
 def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> None:
     scene = small(name, (6, 5), (9, 8))
-    # A tile off the corner, with other numbers of columns and rows.
-    tile = PlateTile(plate=scene.plate, columns=range(1, 5), rows=range(2, 5))
+    # A tile off the corner about the middle, with other numbers of columns and rows.
+    column, row = scene.plate.middle.index
+    tile = PlateTile(
+        plate=scene.plate, columns=range(column - 1, column + 2), rows=range(row, row + 2)
+    )
     every = 1 if np.prod(scene.frustum.resolution) < 100 else 97
     assert_equal_to_hogels(scene, tile, every)
 
@@ -164,7 +167,7 @@ def test_hogels_of_a_decided_tile_keep_every_bit_of_truth_and_gaps(
     tile = PlateTile(plate=scene.plate, columns=range(hogels[0]), rows=range(hogels[1] // 2, 4))
     reference = Reference(scene)
     decided = reference.with_tile(tile, gaps=True)
-    for column in tile.columns:
+    for column in tile.columns[::2]:
         for row in tile.rows:
             aperture = scene.plate.aperture(column, row)
             truth, ours = reference.trace(aperture), decided.trace(aperture)

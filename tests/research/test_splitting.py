@@ -54,7 +54,7 @@ TINY = (
             family=Family.ONE_SIDE,
             sides=(Camera.C,),
             ratios=(10.0,),
-            buffers=(D16, D24, EXACT),
+            buffers=(D16, EXACT),
             resolutions=(64,),
         ),
     ),

@@ -140,7 +140,7 @@ def test_defects_are_named_with_their_sizes_alone_and_in_pairs(names: str) -> No
     expected = {name: size for case in cases for name, size in DEFECTS[case][1].items()}
     # Pivot and fit need an offset, which is stated.
     stated = options["near"] if {"pivot", "fit"} & set(cases) else None
-    scene = small(size=SIZE) if pair else oblong(width=SIZE)
+    scene = small(size=SIZE) if pair else oblong()
     with Faulty(scene=scene, **options) as renderer:
         apertures = None if pair else FEW
         result = xfrustum.verify(scene, renderer, near=stated, apertures=apertures)
@@ -326,7 +326,12 @@ def test_where_points_at_a_moved_object_and_nothing_is_named() -> None:
     ("model", "name", "words"),
     [
         (RendererModel(missing=(6,)), "object-missing", "object 6 (cylinder)"),
-        (RendererModel(shows=(((4, 1), ((3, 1),)),)), "stale-hogel", "hogel 4,1 shows 3,1's image"),
+        pytest.param(
+            RendererModel(shows=(((4, 1), ((3, 1),)),)),
+            "stale-hogel",
+            "hogel 4,1 shows 3,1's image",
+            marks=pytest.mark.slow,
+        ),
         (
             RendererModel(shows=(((0, 0), ((4, 1),)), ((4, 1), ((0, 0),)))),
             "hogels-exchanged",

@@ -186,7 +186,7 @@ def test_with_one_slab_less_it_does_not_hold(
     slabs = settings.slabs
     others = [replace(settings, slabs=slabs[:i] + slabs[i + 1 :]) for i in range(len(slabs))]
     if len(slabs) == 1:
-        nears = np.geomspace(1e-1, 1e-7, 7) * views.scene.frustum.longest_reach
+        nears = np.geomspace(1e-1, 1e-7, 4) * views.scene.frustum.longest_reach
         others += [replace(settings, near=float(near), slabs=()) for near in nears]
     for other in (best.settings, *others):
         assert not holds(views, other, requirement), other
@@ -292,12 +292,13 @@ def test_what_is_behind_the_plate_and_what_is_before_it_count_alike() -> None:
 def test_asking_for_more_never_gives_fewer_slabs_or_else_a_larger_near(name: str) -> None:
     views = traced(view(name, (96, 72)))
     easier = Requirement(tolerance_px=2.0, separation=2.0, max_wrong=0.1)
+    easily = planned(views, easier, D16)
     for harder in (
         [replace(easier, tolerance_px=px) for px in (0.5, 0.02)],
-        [replace(easier, separation=d) for d in (0.5, 0.05, 0.005)],
+        [replace(easier, separation=d) for d in (0.5, 0.005)],
         [replace(easier, max_wrong=share) for share in (1e-2, 1e-3)],
     ):
-        before = planned(views, easier, D16)
+        before = easily
         for requirement in harder:
             after = planned(views, requirement, D16)
             assert len(after.slabs) >= len(before.slabs)
