@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ import pytest
 
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
+from xfrustum.reports import planning
+from xfrustum.scenes import open_scene
 
 KEYS = ["displacement_p99_px", "surface_fraction", "depth_wrong", "misordered", "separation"]
 
@@ -82,6 +85,22 @@ def test_the_text_ends_in_a_command_that_draws_so(
     text = capsys.readouterr().out
     command = shlex.split(text.splitlines()[-1])
     assert command[:2] == ["xfrustum", "raster"] and "--slabs" in command
-    assert "one pair of frusta is not enough" in " ".join(text.split()) and "binds" in text
+    words = " ".join(text.split())
+    assert "one pair of frusta is not enough" in words and "binds" in text
+    # Both largest nears state their frusta.
+    assert "In one pair a displacement of 0.5 px allows near up to" in words
+    assert "With these cuts near may be up to" in words
     monkeypatch.chdir(tmp_path)
     assert main(command[1:]) == 0
+
+
+def test_a_near_below_the_limit_of_displacement_states_the_wrong_surfaces(small_scene: str) -> None:
+    """Traced cameras count wrong surfaces too, which the closed form of displacement omits."""
+    scene = open_scene(small_scene)
+    report = planning.plan(scene, [scene.plate.aperture(2, 1)])
+    limits, outcome = report.plan.limits, report.plan.outcome
+    assert limits is not None and limits.pixels is not None
+    clause = "beyond it traced cameras exceed 0.5 px or 1 % wrong surfaces"
+    for largest, stated in ((limits.pixels, False), (limits.pixels / 4, True)):
+        made = replace(report.plan, outcome=replace(outcome, largest_near=largest))
+        assert (clause in replace(report, plan=made).reason) == stated
