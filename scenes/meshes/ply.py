@@ -42,6 +42,7 @@ _CORNERS: Final = ("vertex_indices", "vertex_index")
 _POINT: Final = ("x", "y", "z")
 _NORMAL: Final = ("nx", "ny", "nz")
 _COORDINATES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+_COUNT_DIGITS: Final = 18  # digits of every 64-bit count; Python converts at most 4,300
 _OTHER_COUNT: Final = "has another number of values than the header declares"
 _COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
@@ -98,7 +99,7 @@ def _header(path: Path, data: bytes) -> _Header:
         match [word.lower() for word in words[:1]] + words[1:]:
             case ["format", name, "1.0"] if name in _ORDERS:
                 order = _ORDERS[name]
-            case ["element", name, count] if count.isdecimal():
+            case ["element", name, count] if count.isdecimal() and len(count) <= _COUNT_DIGITS:
                 elements.append(_Element(name=name, count=int(count)))
             case ["property", "list", length, kind, name] if (
                 elements and {length, kind} <= _TYPES.keys()

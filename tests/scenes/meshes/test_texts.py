@@ -237,6 +237,7 @@ PLY_REFUSED: dict[str, Content] = {
         "float x", "list uchar float x"
     ),
     "begins with 'ply' and has an 'end_header'": "ply\nformat ascii 1.0\n",
+    "line 3: 'element vertex 999": CLOUD.replace("vertex 1", "vertex " + 5000 * "9"),
     "line 2: 'format ascii 2.0'": PLY.replace(b"ascii 1.0", b"ascii 2.0"),
     "no triangles: a point cloud: 1 point, no faces": CLOUD,
     "Gaussian splats: 1 point, no faces": CLOUD.replace(XYZ, XYZ + SPLAT).replace(
