@@ -22,16 +22,19 @@ from xfrustum.reference.backend import (
     UInt32,
     UInt64,
     constants,
+    difference,
+    dot,
     dr,
     interleaved,
     on_device,
     recording,
+    vectors_on_device,
 )
 from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Triangles
 from xfrustum.reference.rays.filter import meetings
 from xfrustum.reference.rays.integers import meet, nearest_double
 from xfrustum.reference.rays.tree import build_tree
-from xfrustum.reference.rays.walk import Boxes, Rays
+from xfrustum.reference.rays.walk import BESIDE, Boxes, Rays
 from xfrustum.reference.tracers.embree import EmbreeMesh
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
@@ -180,6 +183,7 @@ class ExactMesh:
         self._rays_until_embree = len(faces)
         with recording():
             self._middle = constants(middle.tolist())
+        self._exact_middle = [Fraction(x) for x in middle.tolist()]
 
     @classmethod
     def from_triangles(cls, triangles: Floats) -> "ExactMesh":
@@ -264,27 +268,59 @@ class ExactMesh:
         )
 
     def candidates(self, batch: RayBatch) -> Candidates:
-        """Return all pairs that may meet; pairs of rays from afar are not examined."""
+        """Return all pairs that may meet; t and error of rays from afar are zero."""
         if not len(batch):
             none, nowhere = np.zeros(0, dtype=np.int64), np.zeros(0)
             return Candidates(ray=none, triangle=none, t=nowhere, error=nowhere, sure=none > 0)
         with recording():
-            return self.candidates_of(self._on_device(batch))
+            rays = self._on_device(batch)
+            far = np.flatnonzero(rays.far.numpy())
+            return self._candidates(rays, far, batch[far], self._scale)
 
     def candidates_of(self, rays: Rays) -> Candidates:
         """Return the `candidates` of rays on the device; called while `recording`."""
+        far = np.flatnonzero(rays.far.numpy())
+        columns = np.stack(_compressed(rays.far, *rays.origin, *rays.direction, *rays.ends), axis=1)
+        batch = RayBatch(origins=columns[:, :3], directions=columns[:, 3:6], ends=columns[:, 6:])
+        return self._candidates(rays, far, batch, 0)
+
+    def _candidates(self, rays: Rays, far: Indices, afar: RayBatch, scale: int) -> Candidates:
+        """Return the candidates of rays, of which some come from afar; see `_from_afar`."""
         ray, triangle = self._boxes.pairs(rays, rays.ends[1])
         t, error, sure, possible = self._examined(rays, ray, triangle)
         columns = _compressed(possible, ray, triangle, t, error, sure)
-        far = np.flatnonzero(rays.far.numpy())
-        every = np.arange(len(self.triangles))
-        nowhere = np.zeros(len(far) * len(every))
-        from_afar = np.repeat(far, len(every)), np.tile(every, len(far))
-        columns_from_afar = (*from_afar, nowhere, nowhere, nowhere > 0)
+        number, triangle_from_afar = self._from_afar(afar, scale)
+        nowhere = np.zeros(len(number))
+        columns_from_afar = (far[number], triangle_from_afar, nowhere, nowhere, nowhere > 0)
         ray, triangle, t, error, sure = (
             np.concatenate(parts) for parts in zip(columns, columns_from_afar, strict=True)
         )
         return Candidates(ray=ray, triangle=triangle, t=t, error=error, sure=sure)
+
+    def _from_afar(self, rays: RayBatch, scale: int) -> tuple[Indices, Indices]:
+        """Return pairs of rays from any distance and triangles that their lines may meet.
+
+        Lengths times 2^scale are in the mesh's units. Rational numbers restart a ray where doubles
+        would lose the mesh.
+        """
+        if not len(rays):
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        unit = Fraction(2) ** scale
+        starts = np.empty((len(rays), 3))
+        for number, line in enumerate(zip(rays.origins, rays.directions, strict=True)):
+            origin, along = ([Fraction(x) for x in vector.tolist()] for vector in line)
+            offset = difference([x * unit for x in origin], self._exact_middle)
+            t = dot(offset, along) / dot(along, along)
+            starts[number] = [nearest_double(x - t * d) for x, d in zip(offset, along, strict=True)]
+        with recording():
+            lines = Rays.from_starts(
+                # A line that misses the mesh may be anywhere there.
+                vectors_on_device(np.clip(starts, -BESIDE, BESIDE)),
+                _columns(rays.directions, -rays.exponents),
+            )
+            pairs = self._boxes.pairs(lines, lines.ends[1])
+            ray, triangle = (numbers.numpy().astype(np.int64) for numbers in pairs)
+        return ray, triangle
 
     def _on_device(self, batch: RayBatch) -> Rays:
         """Return rays in the mesh's units; t of a ray is multiplied by 2^`_exponents`."""
@@ -340,9 +376,7 @@ class ExactMesh:
         last = rays.ends[1]
         self._rays_until_embree -= dr.width(rays.restart)
         if self._rays_until_embree >= 0:
-            limit = +last
-            dr.make_opaque(limit)
-            return limit
+            return last
         origin, direction, length = rays.proposed()
         dr.eval(origin, direction, length)
         shape = (dr.width(length), 3)
@@ -363,9 +397,8 @@ class ExactMesh:
         hits: dict[int, list[tuple[Fraction, int]]] = {
             number: [] for number in (*np.unique(ray).tolist(), *far.tolist())
         }
-        every = np.arange(len(self.triangles))
-        pairs = [(ray, triangle), *((np.full(len(every), number), every) for number in far)]
-        for rays, triangles in pairs:
+        number, triangle_from_afar = self._from_afar(batch[far], self._scale)
+        for rays, triangles in ((ray, triangle), (far[number], triangle_from_afar)):
             for number, place in self._places(batch, rays, triangles):
                 hits[int(rays[number])].append((place, int(triangles[number])))
         return hits

@@ -14,6 +14,7 @@ import numpy as np
 from xfrustum.reference.backend import (
     Array4f,
     Float32,
+    Float64,
     UInt32,
     difference,
     dot,
@@ -98,6 +99,23 @@ class Rays:
             slack=4 * UNIT_ROUNDOFF * (size + abs(restart)),
             far=far,
             missing=far | (dot(start, start) > BESIDE),
+        )
+        dr.eval(*vars(rays).values())
+        return rays
+
+    @classmethod
+    def from_starts(cls, start: list[Any], direction: list[Any]) -> "Rays":
+        """Return whole lines, given by their points closest to the mesh's middle, rounded."""
+        nowhere = dr.zeros(Float64, dr.width(start[0]))
+        rays = cls(
+            origin=start,
+            direction=direction,
+            ends=[nowhere - np.inf, nowhere + np.inf],
+            start=start,
+            restart=nowhere,
+            slack=nowhere + 4 * UNIT_ROUNDOFF,
+            far=nowhere > 0,
+            missing=dot(start, start) > BESIDE,
         )
         dr.eval(*vars(rays).values())
         return rays

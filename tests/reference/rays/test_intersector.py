@@ -137,6 +137,23 @@ def test_a_vertex_without_triangles_may_lie_anywhere(box: trimesh.Trimesh) -> No
     assert np.array_equal(first.t, expected.t, equal_nan=True)
 
 
+@pytest.mark.parametrize("distance", [1e13, 1e60, 1e300])
+def test_rays_from_afar_meet_the_same_triangles(distance: float) -> None:
+    """Parallel rays, through vertices too; integers decide the few pairs that the walk leaves."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    ray = ExactIntersector(ball)
+    places = np.random.default_rng(1).uniform(-1.1, 1.1, (100, 2))
+    starts = np.full((200, 3), -2.0)
+    starts[:, :2] = np.concatenate((places, ball.vertices[:100, :2]))
+    afar = starts * [1, 1, distance / 2]
+    near, far = ray.first(starts, UP * 200), ray.first(afar, UP * 200)
+    assert far.triangle.tolist() == near.triangle.tolist() and (near.triangle >= 0).sum() > 150
+    assert far.ties.tolist() == near.ties.tolist()
+    assert far.t[near.triangle >= 0] == pytest.approx(np.full((near.triangle >= 0).sum(), distance))
+    every, all_afar = (ray.intersects_id(places, UP * 200) for places in (starts, afar))
+    assert all(np.array_equal(a, b) for a, b in zip(every, all_afar, strict=True))
+
+
 def test_trimesh_answers_by_it(box: trimesh.Trimesh) -> None:
     assert box.contains([[0, 0, 0], [0, 0, 0.5], [0, 0, 0.6]]).tolist() == [True, False, False]
 
