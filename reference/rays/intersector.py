@@ -58,6 +58,8 @@ class ExactIntersector:
     ) -> FirstHits:
         """Return the first triangle of each ray with its t, certainty, and ties.
 
+        A ray that meets nothing has triangle -1 and t NaN. See `FirstHits` for the error of t.
+
         Parameters
         ----------
         ray_origins, ray_directions
@@ -104,7 +106,7 @@ class ExactIntersector:
         max_hits
             Largest number of hits of a ray, nearest first, at least 1.
         return_locations
-            Whether to return the points of the hits too.
+            True for the points of the hits as a third array.
 
         Returns
         -------
@@ -135,21 +137,22 @@ class ExactIntersector:
         return hits.position, hits.ray, hits.triangle
 
     def contains_points(self, points: ArrayLike) -> Mask:
-        """Return which points (N, 3) lie strictly inside: an odd number of surfaces is above.
+        """Return a mask (N,) of points (N, 3) strictly inside; a point on the surface is not.
 
-        The mesh may be open: then the parity along +z is the answer, and holds for +z alone.
+        An open mesh is not refused: a point counts as inside where the number of surfaces above it,
+        along +z, is odd, as in `locate_points` with closed=False.
         """
         return self.locate_points(points, closed=False) == Location.INSIDE
 
     def locate_points(self, points: ArrayLike, *, closed: bool = True) -> Indices:
-        """Return whether points (N, 3) are inside (1), on (0), or outside (-1) of the surface.
+        """Return 1 for points (N, 3) inside of the surface, 0 on it, -1 outside; (N,).
 
         Parameters
         ----------
         points
             Finite numbers, in the mesh's units.
         closed
-            Whether to refuse a mesh that is not closed. If not, a point is inside where the number
+            True to refuse a mesh that is not closed. Otherwise a point is inside where the number
             of surfaces above it, along +z, is odd; a point on the surface is certain anyway.
 
         Raises
