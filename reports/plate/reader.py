@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import zarr
-from pydantic import TypeAdapter, ValidationError
+from pydantic import PositiveInt, TypeAdapter, ValidationError
 
 from xfrustum.compare.rounding.directions import DirectionPlate
 from xfrustum.reference.lines.lines import film_window
@@ -25,7 +25,7 @@ from xfrustum.reports.plate.arrays import (
     require_arrays,
     shard_files,
 )
-from xfrustum.scenes import DoubleFrustum, Frustum, HogelCamera, InputError
+from xfrustum.scenes import NOTHING, DoubleFrustum, Frustum, HogelCamera, InputError
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
@@ -64,7 +64,7 @@ class _Layout:
     """Layout of a plate."""
 
     #: columns and rows of hogels of a tile by directions
-    tile: tuple[int, int] | None = None
+    tile: tuple[PositiveInt, PositiveInt] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +145,12 @@ def direction_plate(place: Path) -> DirectionPlate | None:
 
     def shown(hogels: PlateTile, pixel: tuple[int, int]) -> Numbers:
         (columns, rows), (column, row) = (hogels.columns, hogels.rows), pixel
-        return np.asarray(stored[rows.start : rows.stop, columns.start : columns.stop, row, column])
+        part = slice(rows.start, rows.stop), slice(columns.start, columns.stop), row, column
+        try:
+            return np.asarray(stored[part])
+        except DAMAGE:
+            # Damaged neighbors show nothing here, and are judged as missing themselves.
+            return np.full(hogels.size[::-1], NOTHING, dtype=np.int32)
 
     return DirectionPlate(depth=drawn.depth, tile=tile, shown=shown)
 

@@ -99,7 +99,9 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         "max_wrong": MAX_WRONG,
         "tolerance_px": tolerance_px,
     }
-    work |= {"scene": scene_description(scene), "hogels": {**sample.description, "block": size}}
+    work |= {"scene": scene_description(scene), "hogels": sample.description}
+    # Blocks depend on the order, which a message then names without them.
+    work["truths"] = {"--truth-by": order, order: {"block": size}}
     parts.open(json_ready(work))
 
     begun, rows = time.perf_counter(), list[pa.Table]()

@@ -108,6 +108,8 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
             made = 2 * math.atan(math.tan(angle / 2) * value)
             facts["angles"] = math.degrees(made), math.degrees(angle)
     # The unit is inferred from the confidence interval: the value itself is never exact.
+    # An interval that begins at zero is no evidence of any offset.
+    facts["at_most"] = defect.high if defect.low is not None and defect.low <= 0 else None
     low, high = value if defect.low is None else defect.low, defect.high or value
     for factor, (small, large) in UNITS.items() if group == "scene-scale" else ():
         if low <= factor <= high:

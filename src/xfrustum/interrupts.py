@@ -15,6 +15,10 @@ from typing import Any
 #: Message by signal; its exit status is 128 plus its number, as shells report it.
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
+#: words after the message of a command that continues where it was ended; "" for other commands
+advice = ""
+CONTINUES = "; the same command continues"
+
 #: time until the exception is raised again where it did not arrive
 RETRY_S = 0.02
 
@@ -44,11 +48,11 @@ def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
     program around this handles itself, are left alone; outside of the main thread all are. A
     process that is about to end ignores them from the end of the block on.
     """
-    global received, _raised
+    global received, _raised, advice
     if threading.current_thread() is not threading.main_thread() or _taken:
         yield
         return
-    received, _raised = None, False
+    received, _raised, advice = None, False, ""
     hooks = sys.unraisablehook, threading.excepthook
     for number, default in _DEFAULTS.items():
         if signal.getsignal(number) is default:

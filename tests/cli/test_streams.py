@@ -264,6 +264,21 @@ def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
     assert not (tmp_path / "x.exr").exists()
 
 
+def test_a_command_that_continues_states_it(tmp_path: Path) -> None:
+    line = ["plate", "hard/only-behind", "--near", "0.1", "--quiet", "--out", "x.zarr"]
+    with start(["-m", "xfrustum", *line], tmp_path) as process:
+        assert "hogels to draw" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        try:
+            _, message = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert (process.returncode, message) == (
+        130,
+        "xfrustum: interrupted; the same command continues\n",
+    )
+
+
 MAKING = {
     "a folder is made, and not yet noted": """
         import os, signal, time

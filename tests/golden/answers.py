@@ -144,7 +144,7 @@ EXPECTED = {
     r"plan-viewer\.(near|predicted|measured|viewer|plate\.worst)": "replay noise is near's margin",
     r"report-large-triangles\.rows\[\d+\]\.unexplained: 0,": "starved depth moves the far cut",
     r"budget-large\.explained\.": "such a cut comes last: what depth orders or loses is no edge",
-    r"survey-.*\.sentence: .*; worst by displacement: ": "the measure of the worst hogel is named",
+    r"survey-.*\.sentence: .*; worst hogel: ": "the worst is beyond before it is displaced",
     r"report-.*\.shear": "removed: the cause `pivot` has its displacement",
     r"budget-.*\.(height_rms|not_in_every_link)": "removed: no page and no document used them",
     r".*\.radiance\.(away_from_edges\.)?channels\.": "removed: no page and no document used them",

@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             0 if interrupts.received else _status_of(error, shown=TRACEBACK_OPTION in words[:1])
         )
     if interrupts.received is not None:
-        say(interrupts.WORDS[interrupts.received])
+        say(interrupts.WORDS[interrupts.received] + interrupts.advice)
         # Shells report a process ended by signal N as 128 + N.
         status = 128 + interrupts.received
     return status
@@ -121,7 +121,7 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     elif isinstance(
         error, KeyboardInterrupt | click.Abort
     ):  # the program around this handles its signals
-        say(interrupts.WORDS[signal.SIGINT])
+        say(interrupts.WORDS[signal.SIGINT] + interrupts.advice)
         return 128 + signal.SIGINT
     else:
         _report_unexpected(error, shown=shown)

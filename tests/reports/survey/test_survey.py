@@ -261,6 +261,8 @@ def test_truths_by_directions_give_the_same_rows(
         # Few hogels of many pixels take fewer passes hogel by hogel.
         assert answer["truth_by"] == {"auto": "hogels"}.get(by, by) and 0 < answer["beyond"] < 12
     assert rows_of(tmp_path / "auto").equals(rows_of(tmp_path / "directions"))
+    other = surveyed(tmp_path / "small.toml", tmp_path / "auto", capsys, *more)
+    assert other["status"] == 2 and '--truth-by was "hogels", now "directions"' in other["errors"]
 
 
 def test_truths_of_a_sample_are_not_by_directions(

@@ -14,16 +14,20 @@ import zarr
 
 from tests.support.views import soup, view
 from xfrustum import verify
+from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.judging.judged import Judging, judge
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.rounding.causes import HEADINGS
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.directions import write_directions
 from xfrustum.reports.plate.plate import PlateOptions
+from xfrustum.reports.plate.reader import direction_plate
 from xfrustum.reports.verification.sources import StoredPlate
+from xfrustum.reports.verification.words import defect_words
 from xfrustum.scenes import NOTHING, DepthFormat, Frustum, InputError, Plate, Scene, Screen
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
+from xfrustum.scenes.plate.plate import PlateTile
 
 #: Hogels of all tiles, which meet between rows 2 and 3 and rows 5 and 6.
 EVERY = [(column, row) for row in range(7) for column in range(9)]
@@ -122,6 +126,28 @@ def test_the_depth_buffer_is_taken_from_the_description(tmp_path: Path) -> None:
         file.write_text(json.dumps(described))
         counts = causes(scene, plate, hogels)
         assert counts["wrong"] == counts["shown"] == 16 and counts[cause] >= 12
+
+
+def test_an_interval_from_zero_is_no_evidence_of_an_offset() -> None:
+    near = Defect(fault="near", value=2.5e-3, low=0.0, high=5e-3, unit="mm", stated=0.1)
+    words = defect_words(near, small("asymmetric"))
+    assert words == "both cameras step back by at most 0.005 mm, or not at all, not by 0.1"
+    seen = defect_words(replace(near, low=2e-3), small("asymmetric"))
+    assert seen == "both cameras step back by a near offset of 0.0025 mm, not by 0.1"
+
+
+def test_damaged_neighbors_show_nothing(plate: Path, tmp_path: Path) -> None:
+    """Files of columns 4 to 7 are damaged; column 3 has its neighbors there."""
+    other = Path(shutil.copytree(plate, tmp_path / "x.zarr"))
+    for file in (other / "triangle/c/0/1").rglob("*"):
+        if file.is_file():
+            file.write_bytes(b"")
+    stored = direction_plate(other)
+    assert stored is not None
+    tile = PlateTile(plate=small("asymmetric").plate, columns=range(3, 5), rows=range(2))
+    np.testing.assert_array_equal(stored.shown(tile, (5, 5)), NOTHING)
+    counts = causes(small("asymmetric"), other, [(3, row) for row in range(3)])
+    assert counts["wrong"] == sum(counts[name] for name in HEADINGS)
 
 
 def test_such_plates_are_verified(plate: Path) -> None:

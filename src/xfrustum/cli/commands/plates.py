@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import truediv
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from xfrustum import interrupts
 from xfrustum.cli import options
 from xfrustum.cli.commands.verifying import tell_losses
 from xfrustum.cli.light import ALL, light_options
@@ -92,6 +93,12 @@ class _Plate(options.Measured):
         return self.by == "hogels" or (self.by == "auto" and bool(self.blocks or self.judge))
 
 
+def _begun(words: str) -> None:
+    """Print the size of a plate once drawing starts, after all refusals."""
+    interrupts.advice = interrupts.CONTINUES
+    options.note(words)
+
+
 @options.command("xfrustum plate hard/only-behind --near 0.1 --out plate.zarr")
 def plate(request: _Plate) -> None:
     """Draw a plate, or blocks of it, into a Zarr group, hogel by hogel or by directions.
@@ -170,10 +177,7 @@ def plate(request: _Plate) -> None:
     if not request.ignore_disk_space:
         size.require_room()
 
-    # Printed only once drawing starts, after all refusals.
-    def begun() -> None:
-        options.note(size.words)
-
+    begun = partial(_begun, size.words)
     if by is By.DIRECTIONS:
         depth = None if request.truth else request.named.get("depth", DEPTH)
         files = write_directions(opened, depth, group, how, request.memory, begun)
@@ -290,6 +294,7 @@ def survey(request: _Survey) -> int:
             f"{request.tolerance_px:g} px are {request.tolerance_px * coarser:.3g} of the scene's"
         )
         opened = replace(opened, frustum=replace(opened.frustum, resolution=request.resolution))
+    interrupts.advice = interrupts.CONTINUES
     names = ("everything", "sample", "until", "seed")
     sampling = sample_request(**{name: getattr(request, name) for name in names})
     answer = surveyed(
