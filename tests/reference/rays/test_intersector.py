@@ -16,7 +16,6 @@ import trimesh
 from xfrustum.rays import ExactIntersector
 from xfrustum.scenes import Certainty, InputError
 
-CHECKOUT = Path(__file__).resolve().parents[3]
 UP = [[0.0, 0.0, 1.0]]
 
 
@@ -36,9 +35,10 @@ def test_trimeshs_own_tests_pass() -> None:
         pytest.skip("XFRUSTUM_TRIMESH names no checkout of trimesh, with its tests and models")
     if find_spec("manifold3d") is None:
         pytest.skip("manifold3d is not installed, which one of trimesh's tests needs")
-    plugin = "tests.reference.rays.in_place_of_trimesh"
+    plugin = "in_place_of_trimesh"
     command = [sys.executable, "-m", "pytest", "-q", "-p", plugin, "-p", "no:cacheprovider"]
-    path = os.pathsep.join([str(CHECKOUT), *filter(None, sys.path)])
+    # By its own folder: a package `tests` of trimesh would hide this one.
+    path = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
     run = subprocess.run(
         [*command, "tests/test_ray.py"],
         cwd=folder,
