@@ -23,7 +23,7 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import ShortRepr
 
-#: value in a map of charges for pixels that end right or are not judged
+#: value in a map of charges for pixels that are right in the end, or not judged
 RIGHT = -1
 
 
@@ -90,7 +90,7 @@ Size = tuple[float | None, float | None]
 
 
 def _size(steps: Floats | None, known: Mask) -> Size:
-    """Return the size (H, W) of steps at known pixels; None represents steps that are all 0."""
+    """Return the length (H, W) of steps at known pixels; None represents steps that are all 0."""
     if not known.any():
         return None, None
     # A link without effect has length zero wherever the other links are defined.
@@ -196,8 +196,8 @@ def _surface_charge(
     reference: Reference, images: Sequence[HogelImage], wrong: Mask, changing: Sequence[int]
 ) -> NDArray[np.int8]:
     """Return the link from which on each wrong pixel (H, W) of R0 shows a wrong surface."""
-    # Only pixels that end wrong are judged in the traced images. The truth is right everywhere: the
-    # first link is charged until a later image shows the right surface again.
+    # In the traced images, only pixels that are wrong in the end are judged. The truth is right
+    # everywhere: the first link is charged unless a later image shows the right surface again.
     pixels = np.flatnonzero(wrong)
     truth = images[0].at(pixels)
     first, *later = changing

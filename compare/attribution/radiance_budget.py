@@ -1,8 +1,8 @@
 """The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
 In the chain's own links, from near offset to depth, the surface points of every image are shaded as
-the true frustum shows them. Each link then has only the cost of *showing another point*. The bend
-of the eye vector belongs to a point, not to a pixel, and is counted once:
+the true frustum shows them. Each link then contains only the error of *showing another point*. The
+bend of the eye vector belongs to a point, not to a pixel, and is counted once:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
@@ -216,7 +216,7 @@ def averaged_colors(
             f"lower frustum.resolution or sampling, to {MAX_CHAIN_PIXELS:,} points at most"
         )
     frustum = replace(scene.frustum, resolution=(side * width, side * height))
-    # A finer film stands for supersampling: its pixels are the samples, in the same places.
+    # A finer film represents supersampling: its pixels are the samples, at the same positions.
     fine = replace(scene, frustum=frustum, sampling=Sampling())
     reference, total = Reference(fine), np.zeros(())
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)

@@ -21,7 +21,7 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 FIXED = (DepthFormat.D16, DepthFormat.D24)
 LARGEST = {DepthFormat.D16: 2**16 - 1, DepthFormat.D24: 2**24 - 1}
-"""The step that stands for a depth of one."""
+"""The stored number that represents a depth of one."""
 
 MOST_SUBPIXEL_BITS, MOST_FILTER_BITS = 12, 12
 """The finest grids of the search. Weights are odd multiples of 2^-13, which no coarser grid has."""
@@ -47,10 +47,10 @@ ROUNDED: dict[str, Callable[[Floats], Floats]] = {
     "nearest, half down": lambda places: np.ceil(places - 0.5),
     "cut off": np.floor,
 }
-"""Ways to round places in the window to the subpixel grid."""
+"""Ways to round window positions to the subpixel grid."""
 
 TIES = ("left and bottom", "left and top", "right and bottom", "right and top")
-"""Rules for pixel centers on an edge: on which sides of a triangle they are its own."""
+"""Rules for pixel centers on an edge: the sides on which they belong to the triangle."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,9 +1,9 @@
 """Hogels judged by a case of the conformance suite: every wrong pixel needs an accepted reason.
 
-The truth has the case's cameras without any rounding. A pixel with another triangle is
-accepted where the truth is a tie of both, or where rounding explains it: the classifier of causes
-has the bounds of edges and depths of the case's cameras. Colors and objects do not identify
-triangles: pixels that rounding can move across an edge to a neighbor's surface are not judged.
+The truth has the case's cameras without any rounding. A pixel with another triangle is accepted if
+the truth is a tie of both, or if rounding explains it: the classifier of causes uses the bounds of
+edges and depths of the case's cameras. Colors and objects do not identify triangles: pixels that
+rounding can move across an edge to a neighbor's surface are not judged.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from xfrustum.scenes.plate.plate import Aperture
 RADIANCE_TOLERANCE = 1e-4
 """Largest difference of a truth's mean radiance from the frozen one.
 
-Float32's rounding of sums and of the functions of Phong's model differs among processors by a
+The float32 rounding of sums and of the functions in Phong's model differs among processors by a
 thousandth of this.
 """
 
@@ -61,7 +61,7 @@ class Pixels:
     wrong: int = 0
     #: wrong, and a surface of the truth's tie
     tie: int = 0
-    #: wrong by rounding at an edge, or too close to one to be judged
+    #: wrong by rounding at an edge, or too close to an edge to be judged
     edge: int = 0
     #: wrong by rounding of depths
     order: int = 0
@@ -169,7 +169,7 @@ def judged(
         tied = differs & _marked(differs, row[right], column[right])
         pixels = np.flatnonzero(differs & ~tied)
         causes = find_causes(scene.triangles, cameras, truth, image, pixels)
-        # An edge does not excuse a triangle that lies elsewhere: such a pixel is unexplained.
+        # An edge does not excuse a triangle that is not at this edge: the pixel is unexplained.
         placed = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
         counts = causes.some(placed).counts()
         misplaced = differs & ~tied & ~scattered(differs.shape, causes.pixels[placed])
@@ -199,7 +199,7 @@ def _compared_colors(
     image = replace(image, color=color)
     tolerance = COLOR_TOLERANCE if case.tolerance is None else case.tolerance
     differs = colors_differ(as_stored(truth, image), image, tolerance)
-    # NaN is neither above 0 nor at most 0: a pixel without a color shows something wrong.
+    # Comparisons with NaN are False, so that a pixel without a color counts as wrong.
     shown = (truth.color > 0).any(axis=-1) | ~(color <= 0).all(axis=-1)
     return np.asarray(shown), differs
 

@@ -1,10 +1,10 @@
-"""One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
+"""One hogel of a foreign renderer, compared with a model: the truth, or the author's statements.
 
-The arithmetic is the same as in `xfrustum.compare.metrics`. `compare_images` has a truth and an
-image of the same question, with surfaces and their points. A foreign image may be turned, may name
-triangles that do not exist, or show only colors. Its question may be two offset cameras, which see
-the plate; there the front camera covers the other. Here colors are right or wrong within a
-tolerance; there their error is measured.
+The arithmetic is the same as in `xfrustum.compare.metrics`, whose `compare_images` compares a truth
+and a drawn image with surfaces and their points. A foreign image may be turned, may contain
+triangle numbers that do not exist, or may have only colors. Its model may be two offset cameras,
+whose near planes are at the plate, with the front camera's image over the other. In this module
+colors are right or wrong within a tolerance; in `metrics` their error is measured.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
-# A foreign device is unknown unless its owner has measured it. A renderer with a near offset has
-# the usual depth buffer. Where cameras stand in the aperture itself, depth must hold any ratio of
-# near to far, which no buffer of fixed point does.
+# A foreign device is unknown unless its owner has measured it. A renderer with a near offset is
+# assumed to have a usual depth buffer. With cameras in the aperture itself, the ratio of near to
+# far is unbounded, for which a fixed-point buffer is too coarse.
 ANY_DEVICE = safe_model()
 OFFSET_DEPTH = DepthFormat.D24, DepthMapping.STANDARD
 CENTERED_DEPTH = DepthFormat.D32F, DepthMapping.REVERSED
@@ -71,7 +71,7 @@ NEAR_PLANE_PER_REACH = 1e-6
 """Near plane, as a part of the reach, to which depths of a camera in the aperture are stored."""
 
 MAX_MISSING_OUTLINES = 0.1
-"""Largest share of the truth's outlines that a right picture in another shading may lack.
+"""Largest share of the truth's outlines that may be missing in a right picture with other shading.
 
 Two grays drawn from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %,
 of all pairs.
@@ -86,7 +86,7 @@ COMPOSITIONS: tuple[dict[str, Any], ...] = (
     {"back": Back.MISSING},
     {"back": Back.FARTHEST},
 )
-"""Wrong compositions that a right picture must differ from."""
+"""Wrong compositions, from which a right picture must differ."""
 
 COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` of pictures that name no surfaces
 
@@ -141,8 +141,8 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
         colored = by == "color"
-        # With another shading, creases beside an outline may be stronger edges than the outline:
-        # the low cap gives all edges equal weight.
+        # With other shading, creases beside an outline may have more contrast than the outline. The
+        # low cap gives all edges equal weight.
         shown = contrast(image, MAX_EDGE_CONTRAST if colored else MIN_EDGE_CONTRAST)
         expected = contrast(answer, MAX_EDGE_CONTRAST)
         if not colored:
@@ -155,8 +155,8 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
     # all.
     edge = MIN_EDGE_CONTRAST if by == "color" else 0.0
     count = sum(int((some > edge).sum()) for some in expected)
-    # Shading differs from the truth's, so that too few outlines to be registered leave nothing to
-    # judge by.
+    # The shading differs from the truth's, so that without enough outlines the image cannot be
+    # judged.
     if count < (MIN_STEPS if by == "outlines" else 1):
         return None, MeasuredBy.NO_OUTLINES
     same = all(np.array_equal(entry, other) for entry, other in zip(expected, shown, strict=True))
@@ -170,7 +170,7 @@ def foreign_cameras(
     scene: Scene, model: RendererModel, aperture: Aperture, device: DeviceModel = ANY_DEVICE
 ) -> tuple[RoundingCamera, ...]:
     """Return C and C* of a renderer, which may clip at their films' borders."""
-    # One depth buffer serves both cameras: where one of them stands in the aperture, it holds any
+    # Both cameras have the same depth buffer. If one of them is in the aperture, it must suit any
     # ratio.
     depth, mapping = (
         OFFSET_DEPTH if all(model.camera(side).near for side in (1, -1)) else CENTERED_DEPTH
@@ -180,7 +180,7 @@ def foreign_cameras(
         bundle = model.bundle(scene, aperture, side)
         if not model.camera(side).near:
             begin = NEAR_PLANE_PER_REACH * scene.frustum.longest_reach / model.scene_scale
-            # A side that reaches nowhere still needs a far plane beyond its near plane.
+            # A side with a reach of zero still needs a far plane beyond its near plane.
             end = max(2 * begin, *(abs(s) for s in bundle.s_range))
             bundle = replace(bundle, s_range=(begin, end) if side > 0 else (-end, -begin))
         shift = model.camera(side).shift
@@ -211,7 +211,7 @@ class Judging:
     transfer: Transfer | None = None
 
     def tolerance(self, question: RendererModel, image: HogelImage) -> Singles | float:
-        """Return the difference of colors, upright, that rounding to levels does not exceed."""
+        """Return the largest difference of colors, upright, due to rounding to levels."""
         if self.transfer is None:
             return self.color_tolerance
         stored = question.upright(stored_rgb(image) / np.float32(255))
@@ -265,9 +265,9 @@ class ColorFigures:
 class HogelNumbers:
     """Numbers of the difference of one image from a model's answer, as written."""
 
-    shown: int  # judged pixels where image or answer shows a surface
+    shown: int  # judged pixels where the image or the expected image shows a surface
     by: str  # what `wrong` counts: triangle, object, color, outlines, or coverage
-    wrong: int  # shown pixels that differ in it
+    wrong: int  # shown pixels that differ in this property
     fraction: float
     surface: SurfaceFigures | None  # None if the image names no surfaces
     invalid: int  # shown pixels that name a triangle or an object which the scene does not have
@@ -281,7 +281,7 @@ class HogelNumbers:
 
     @property
     def blind(self) -> bool:
-        """True if such an image could show nothing wrong."""
+        """True if no pixel of such an image could be wrong."""
         return self.by != "color" and self.displacement_by is MeasuredBy.NO_OUTLINES
 
     @property
@@ -368,7 +368,7 @@ def judge(
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
         length = lengths(_shifts(scene, question, seen))
         known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
-        # A minority of pixels does not represent all.
+        # A minority of pixels is not representative.
         if known.any() and 2 * known.sum() >= covered_by(upright).sum():
             spread, measured_by = Spread.from_values(length[known]), MeasuredBy.POINTS
     else:
@@ -453,7 +453,7 @@ class _Compared:
         scene, upright = reference.scene, question.upright
         aperture = question.answers(scene, image.camera.aperture)
         answer = pictures.trace_drawn(reference, question, aperture)
-        # A number below every number is as strange as one above them, and safer to look up.
+        # A negative number is as invalid as one that is too large, and safer as an index.
         triangle = upright(np.where(image.triangle < NOTHING, len(scene.faces), image.triangle))
         objects = scene.object_of_number[existing_triangles(triangle, scene)]
         turned = HogelImage(
@@ -512,7 +512,7 @@ class _Compared:
         self, reference: Reference, question: RendererModel, judging: Judging
     ) -> Causes | None:
         """Return the causes of the wrong pixels; None if images name no triangles."""
-        # Nor through a lens: rounding is modeled only for edges that are straight on the film.
+        # Lenses are excluded too: rounding is modeled only for edges that are straight on the film.
         if self.by != "triangle" or question.film != EVEN:
             return None
         scene, device, pixels = reference.scene, judging.device, np.flatnonzero(self.differs)

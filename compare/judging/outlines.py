@@ -24,42 +24,42 @@ from xfrustum.scenes.model.scene import Scene
 # by 17.
 MAX_DISPLACEMENT_PX = 8
 
-# Smallest number of steps from which a displacement is taken. A peak is an accident where by chance
-# half of the steps fall on edges at a wrong displacement. Where one step of a picture in five is an
-# edge, the binomial distribution expects that at 0.75 of the 289 displacements with 20 steps, and
-# at 0.006 with 40.
+# Smallest number of steps for a measurement of displacement. A peak is false if half of the steps
+# are on edges by chance, at a wrong displacement. If one step in five of a picture is an edge, the
+# binomial distribution expects a false peak at 0.75 of the 289 displacements with 20 steps, and at
+# 0.006 with 40.
 MIN_STEPS = 40
 
-# Largest number of steps that are looked up. The contrast of one step lies between 0 and a cap, so
-# that the mean of 4000 has a standard error of at most 0.5 / sqrt(4000) = 0.8 % of the cap: less
-# than what `EQUAL_PEAK_RATIO` takes for equal anyway. Mean number in a tile, and most tiles along
-# each side.
+# Largest number of steps that are evaluated. The contrast of one step is between 0 and a cap, so
+# that the mean of 4000 has a standard error of at most 0.5 / sqrt(4000) = 0.8 % of the cap, less
+# than the tolerance of `EQUAL_PEAK_RATIO`. Mean number of steps in a tile, and largest number of
+# tiles along each side.
 MAX_STEPS, STEPS_PER_TILE, MAX_TILES_PER_SIDE = 4000, 300, 4
 
-# Smallest ratio of a peak to the median contrast over all displacements. In noise, contrast is as
-# large everywhere: in 60 pictures of independent uniform pixels the ratio was 1.14 at most with
-# `MIN_STEPS` steps (1.16 with half as many), which leaves as much again for noise of other kinds.
+# Smallest ratio of a peak to the median contrast over all displacements. In noise, contrast is
+# equal everywhere: in 60 pictures of independent uniform pixels the ratio was at most 1.14 with
+# `MIN_STEPS` steps (1.16 with half as many). The limit leaves the same margin again for other
+# noise.
 MIN_PEAK_RATIO = 1.3
 
-# Smallest ratio to the peak at which another displacement is as good, as along a straight outline;
-# the smallest of such displacements is taken. Rounding to 8 bits moves
-# the contrast of one step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of
-# the largest that counts; the mean of `MIN_STEPS` has 0.25 %. The largest and the smallest
-# of 17 displacements along an outline then differ by 3.6 standard deviations, 0.9 %, on the
-# average; twice that is allowed.
+# Smallest ratio to the peak at which another displacement counts as equal, as along a straight
+# outline; the smallest of equal displacements is used. Rounding to 8 bits moves the contrast of one
+# step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of the largest that
+# counts; the mean of `MIN_STEPS` has 0.25 %. The largest and the smallest of 17 displacements along
+# an outline then differ by 3.6 standard deviations, 0.9 %, on the average; twice that is allowed.
 EQUAL_PEAK_RATIO = 0.98
 
-# Distance from a true outline within which a picture must have an edge, or else the outline is
-# missing: the outline runs between two pixels, and rounding puts it on either side of a center.
+# Distance from a true outline within which a picture must have an edge; otherwise the outline is
+# missing. The outline is between two pixels, and rounding may move it across a center.
 OUTLINE_TOLERANCE_PX = 1
 
 # Smallest difference between two neighboring pixels that is an edge, of the square root of the
-# radiance, nearly the encoding of displays: 8 bits and dithering move one brightness by at
-# most 2 steps on either side. And the contrast beyond which one edge counts no more than another.
+# radiance, nearly the encoding of displays: 8 bits and dithering move one brightness by at most 2
+# steps on either side. And the cap of contrast, above which all edges count equally.
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
 Steps = tuple[Floats, Floats]
-"""A quantity between neighboring pixels: (H, W - 1) of columns and (H - 1, W) of rows."""
+"""Quantity between neighboring pixels: (H, W - 1) of columns and (H - 1, W) of rows."""
 
 
 def steps_of(values: NDArray[np.generic]) -> Steps:
@@ -80,7 +80,7 @@ def contrast(image: HogelImage, most: float = np.inf) -> Steps:
 
 def true_outlines(scene: Scene, answer: HogelImage) -> Steps:
     """Return 1 along outlines of objects or of their parts, else 0."""
-    # The normals of triangles decide whether neighboring points lie on one surface.
+    # Neighboring points are on one surface if the normals of their triangles agree.
     result = contours(replace(answer, normal=_normals(scene, answer)))
     chosen = result.kind != Kind.SEAM
     first, second = (
@@ -107,7 +107,7 @@ def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
 
 
 def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
-    """Return those outlines of an answer that any sensible shading shows.
+    """Return the outlines of an image that are visible with any reasonable shading.
 
     They are seen in its own colors and, inside one object, under a light at the camera. Parallel
     faces, and those that lean to opposite sides, may have one brightness.
@@ -130,7 +130,7 @@ def _normals(scene: Scene, answer: HogelImage) -> Floats:
 
 
 def unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen: Mask) -> float:
-    """Return the variation of brightness in some pixels that no distant lights on surfaces explain.
+    """Return the variation of brightness in some pixels that distant lights do not explain.
 
     Diffuse light is nearly a polynomial of the second degree of the normal (Ramamoorthi and
     Hanrahan, 2001); light at the camera, one of its cosine. Each object has
@@ -173,9 +173,9 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
         result = _peak(*some, shown) if len(some[0]) >= MIN_STEPS else None
         if result is None or max(map(abs, result)) <= 0.5:
             return result
-        # A tile of dim outlines beside a strong one has more contrast at the strong one, however
-        # right the picture is. So what does not even register with itself, within half a pixel,
-        # measures nothing.
+        # A tile of dim outlines beside a strong outline has more contrast at the strong one, even
+        # in a right picture. Tiles that do not register with themselves, within half a pixel, are
+        # therefore not used.
         own = _peak(*some, expected)
         return result if own is not None and max(map(abs, own)) <= 0.5 else None
 

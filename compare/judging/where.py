@@ -19,7 +19,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 DISTANCES_PX = (1.5, 4.5)
-"""Ends of the ranges of distance, px: neighbors of an outline, and its surroundings."""
+"""Upper ends of the distance ranges, px: pixels next to an outline, and its surroundings."""
 
 Places = dict[str, tuple[int, int]]
 """Numbers of wrong pixels and of pixels where image or truth shows something, by place."""
@@ -28,7 +28,7 @@ Places = dict[str, tuple[int, int]]
 def places_of(figures: Figures) -> Places:
     """Return the places of the wrong pixels of one hogel."""
     answer, error = figures.answer, figures.error
-    # Plain pictures name no surfaces: pixels that are not black show something.
+    # Plain pictures identify no surfaces: pixels that are not black count as shown.
     shows = shows_something if figures.numbers.by in COLOR_ONLY else covered_by
     covered = shows(figures.image)
     shown = answer.covered | covered | error

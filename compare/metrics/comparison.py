@@ -48,7 +48,7 @@ class ComparisonNumbers:
     covered: int
     #: raster pixels that show a surface in the plate, where displacement is undefined
     at_plate: int
-    #: None if the scene was not at hand
+    #: None if the scene was not available
     surface: SurfaceShare | None
     #: None if the raster image names no triangles
     triangle: Share | None
@@ -134,8 +134,8 @@ def compare_images(
         Tracer of the same scene; without it `surface` is None.
     radiance, perceptual
         Whether to compare colors, and how different the pictures look.
-    cached_errors
-        Errors by the same truth of another image: pixels that both show alike are not judged again.
+    cached_errors Errors of another image by the same truth: pixels that are equal in both are not
+    judged again.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Errors of each pixel: displacement, surface, triangle and height (docs/method.md).
 
 A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there
-is one, or another object (`other_surfaces`); or the point that it shows belongs outside the
-film (`outside_film`); or that point is hidden behind something else (`hidden_pixels`). Film and
-lines belong here to the true frustum, in `xfrustum.compare.judging.judged` to the
-cameras of another renderer.
+is one, or another object (`other_surfaces`); or the point that it shows belongs outside the film
+(`outside_film`); or that point is hidden behind something else (`hidden_pixels`). Here, film and
+lines belong to the true frustum; in `xfrustum.compare.judging.judged`, to another renderer's
+cameras.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class DrawnPoints:
         return DrawnPoints(pixels=pixels, coordinates=coordinates, triangle=triangle, doubt=doubt)
 
     def places(self, bundle: RayBundle) -> Places:
-        """Return the place of each point on the film of a ray bundle; see `pixel_places`."""
+        """Return the position of each point on the film of a ray bundle; see `pixel_places`."""
         x, y, z = self.coordinates
         return places_off_center(x, y, z, bundle)
 
@@ -230,12 +230,12 @@ def surface_errors(
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
-    A pixel is wrong where only one of truth and raster shows a surface, where they show different
-    objects, where the point that it shows belongs outside the true film, and where something else
-    is in front of that point on its own true line. The true frustum sees a point in the plate only
-    in the aperture's center. The film ends half a pixel beyond the outermost pixels' centers, so
-    that a picture displaced by less shows nothing from outside. `places` are the `film_places` of
-    the raster, if already computed.
+    A pixel is wrong if only truth or raster shows a surface, if they show different objects, if its
+    point belongs outside the true film, or if another surface is in front of this point on the
+    point's own true line. In the true frustum, a point in the plate is visible only at the
+    aperture's center. The film ends half a pixel beyond the outermost pixels' centers, so that a
+    picture displaced by less shows no point from outside. `places` are the `film_places` of the
+    raster, if already computed.
     """
     scene, bundle = reference.scene, true_lines(truth.camera)
     points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
@@ -246,7 +246,8 @@ def surface_errors(
         located = columns, rows
     # Flat numbers need rows that are contiguous in memory.
     wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
-    # A point in the plate does not determine a line: it is right only if the truth also shows one.
+    # A point in the plate does not determine a line: it is right only if the truth also shows a
+    # point in the plate.
     wrong |= in_plate(raster) & ~in_plate(truth)
     # The occlusion test traces a line per point. Points that equal the certified truth need none.
     seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
@@ -269,7 +270,7 @@ def in_plate(image: HogelImage) -> Mask:
 
 
 def covered_by(image: HogelImage) -> Mask:
-    """Return the pixels that show a surface, by whichever number or position an image has."""
+    """Return the pixels that show a surface, by the numbers or positions of an image."""
     return np.asarray(image.covered | (image.object != NOTHING))
 
 
@@ -278,7 +279,7 @@ def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mas
 
     If an image names neither object nor triangle, it is taken to show the expected object.
     """
-    # Without any name the expected object is assumed: then only hits and misses are compared.
+    # Without numbers the expected object is assumed, so that only hits and misses are compared.
     objects = np.where(shown.object != NOTHING, shown.object, expected.object)
     unnamed = np.flatnonzero((shown.object == NOTHING) & (shown.triangle != NOTHING))
     number = existing_triangles(shown.triangle.ravel()[unnamed], scene)
@@ -311,8 +312,8 @@ def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
 def _beyond_film(points: DrawnPoints, places: Places, bundle: RayBundle, scene: Scene) -> Mask:
     """Return the points (N,) that belong outside the film of a ray bundle, beyond rounding.
 
-    A point with an error bound has on the film this bound over w t, with w its
-    depth from the center of the lines: |z| for the true frustum.
+    On the film, the error bound of a point is divided by w t, with w the depth from the center of
+    the lines: |z| for the true frustum.
     """
     # Projection divides by the depth: an error e of a point moves it by e / (w t) film units.
     tolerance = points.surface_points(scene).tolerance / np.abs(
@@ -346,10 +347,10 @@ def floating_pixels(
 ) -> Mask:
     """Return the pixels of a mask (H, W) with a point without a surface at or close behind it.
 
-    Positions in other units may lie on the right lines, in front of everything. A point is moved
-    away along its line by `FLOATING_SHARE` of its depth: if nothing hides it there, nor
-    `SNAPPED_PX` to the side, because rasterizers snap edges, it was not on a surface. Points as
-    close to the answer are on a surface.
+    Positions in wrong units may be on the right lines, in front of everything. A point is moved
+    away along its line by `FLOATING_SHARE` of its depth. If no surface hides it there, or
+    `SNAPPED_PX` to the side (because rasterizers snap edges), it was not on a surface. Points this
+    close to the expected point are on a surface.
     """
     floating = np.zeros_like(mask)
     points = DrawnPoints.from_image(shown, np.flatnonzero(mask))
@@ -367,7 +368,7 @@ def floating_pixels(
     far = np.flatnonzero(~(np.abs(position - true).max(axis=1, initial=0.0) <= room))
     # s = -z about the center: lines run toward larger s on both sides of it.
     moved = offset * (1.0 - share[:, None] * np.sign(offset[:, 2:]))
-    # An edge may be snapped past the point: its neighbors decide, too.
+    # An edge may be snapped past the point, so that positions to the side are tested too.
     for across, up in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
         if len(far):
             pixels = np.multiply(2 * SNAPPED_PX, lines.half_extent) / lines.resolution
@@ -582,7 +583,7 @@ CONFIDENCE = 0.95  #: probability that no comparison of pictures finds a differe
 
 @dataclass(frozen=True, kw_only=True)
 class PixelSet:
-    """A set of pixels of a film: their number, and a compressed bit for each pixel of the film."""
+    """Set of pixels of a film: their number, and a compressed bit mask."""
 
     count: int
     packed: bytes = field(repr=False)
@@ -595,7 +596,7 @@ class PixelSet:
         )
 
     def shared_with(self, other: PixelSet) -> int:
-        """Return how many pixels are in both sets, of one film."""
+        """Return the number of pixels in both sets of one film."""
         mine, its = (
             np.frombuffer(zlib.decompress(each.packed), np.uint8) for each in (self, other)
         )

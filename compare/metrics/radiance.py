@@ -1,14 +1,13 @@
 """Radiance error in linear RGB, raster minus truth, and perceptual difference.
 
-See docs/method.md. FLIP and SSIM judge displayed pictures, clipped and
-in sRGB (`display.encoded`): FLIP in its mode for such pictures (LDR), SSIM with the window of its
-inventors.
+See docs/method.md. FLIP and SSIM compare displayed pictures, clipped and in sRGB
+(`display.encoded`): FLIP in its LDR mode, SSIM with the window of its publication.
 
-A reference that samples light paths has a mean and the variance of this mean. Where a picture is
-the mean's expectation, (mean - picture) / standard error follows Student's t with one degree of
-freedom less than there are samples; Sidak's correction accounts for the number of pixels. Shadows
-and interreflection, which a rasterizer leaves out, are the difference of two such truths, each with
-its own noise.
+A reference that samples light paths has a mean and the variance of this mean. If a picture equals
+the expectation of the mean, (mean - picture) / standard error follows Student's t with one degree
+of freedom less than the number of samples; Sidak's correction accounts for the number of pixels.
+Shadows and interreflection, which a rasterizer leaves out, are the difference of two such truths,
+each with its own noise.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.scenes.representation import ShortRepr
 
-#: chance that a test of a whole picture fails although nothing is wrong
+#: probability that a test of a whole picture fails although the picture is right
 ALPHA = 0.01
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """Viewing condition of FLIP: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m.
 
-It holds for a picture on a screen; through a plate, the picture of an aperture is not seen as a
-whole."""
+It is valid for a picture on a screen; the picture of an aperture is not seen as a whole through a
+plate."""
 
 SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 """Standard deviation and width of the Gaussian window of SSIM (Wang et al., 2004)."""
@@ -93,11 +92,11 @@ def compare_with_noise(
 ) -> NoiseTest:
     """Test a noise-free picture (H, W, 3) of linear RGB against the limit of a noisy reference.
 
-    `judged` (H, W) has the pixels to be tested. Leave out those in which a surface may cover less
-    than 1 - (level of one test)^(1 / samples): chance may miss it in all samples, and then neither
-    mean nor variance shows it. `rounding` is the radiance by which picture and mean may differ for
-    other reasons than noise, such as rounding to float32. Where samples do not vary, only
-    `rounding` decides.
+    `judged` (H, W) has the pixels to be tested. Leave out pixels in which a surface may cover less
+    than 1 - (level of one test)^(1 / samples): all samples may miss this surface by chance, so that
+    it affects neither mean nor variance. `rounding` is the radiance by which picture and mean may
+    differ for other reasons than noise, such as rounding to float32. It is the only tolerance of
+    pixels whose samples do not vary.
     """
     tested = judged & np.isfinite(picture).all(axis=-1) & np.isfinite(estimate.mean).all(axis=-1)
     difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
@@ -193,7 +192,7 @@ def transported(
         # Sub-apertures are sampled independently: their variances add.
         variance = variance + part.variance_of_mean / len(points) ** 2
         done()
-    # The mean of several estimates is nearer to normal than each of them.
+    # The mean of several estimates is closer to a normal distribution than each of them.
     return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=transport.samples)
 
 
@@ -201,7 +200,8 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None
     """Measure the effect of the light transport of a scene on an image."""
     local = replace(scene.transport, shadows=False, interreflection=False)
     full = transported(scene, aperture, scene.transport, done=done)
-    # By the same arithmetic as `full`: a pixel that no shadow reaches must not differ by rounding.
+    # Use the same arithmetic as for `full`, so that pixels without shadows do not differ by
+    # rounding.
     exact = not scene.transport.interreflection
     seed = scene.sampling.aperture
     without = transported(scene, aperture, local, seed=seed, exact=exact, done=done)
@@ -254,8 +254,8 @@ def perceptual_difference(
 ) -> PerceptualDifference:
     """Return the perceptual difference of two pictures (H, W, 3) of linear RGB."""
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
-    # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
-    # The evaluator takes displayed values in sRGB, float32 and contiguous.
+    # FLIP's neighborhoods extend over the whole picture, so that no pixel can be left out. The
+    # evaluator needs displayed values in sRGB, float32 and contiguous.
     flip_map, _, _ = flip_evaluator.evaluate(
         *shown,
         "LDR",
@@ -288,7 +288,7 @@ class RadianceSpread:
     mean: float
     p99: float
     max: float
-    #: share of pixels with a channel that is off by more than `STEP`
+    #: share of pixels with an error above `STEP` in any channel
     above_step: float
 
     @staticmethod

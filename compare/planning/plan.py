@@ -160,7 +160,7 @@ class Plan:
 
 
 def predicted_plan(views: Views, requirement: Requirement) -> Plan:
-    """Return the plan that closed forms predict for some views.
+    """Return the plan predicted by closed forms for some views.
 
     Depth buffers are ordered by the fewest slabs, then by cost (depth that no fragment writes,
     then fewer bytes), then by the largest margin.
@@ -255,7 +255,7 @@ class PlateViews:
 
     @property
     def any_surface(self) -> bool:
-        """Visibility of a surface through an aperture that some near fits."""
+        """True if a surface is visible through a feasible aperture."""
         return any(view.truth.covered.any() for view in self.views.views)
 
 
@@ -335,7 +335,7 @@ class PlatePlanner:
         return views, _indices(traced) - _indices(views)
 
     def _settled(self, chosen: PlateViews) -> tuple[PlateViews, Plan]:
-        """Return a plan, and its views, that the scan suspects at no further aperture."""
+        """Return a plan with its views, repeated until the scan suspects no further aperture."""
         for _ in range(MAX_ROUNDS):
             made = predicted_plan(chosen.views, self.requirement)
             known = chosen.known | chosen.sampled
@@ -357,7 +357,7 @@ class PlatePlanner:
     def _sampled(
         self, chosen: PlateViews, settings: DoubleFrustum, sample: RandomSample
     ) -> list[HogelResult]:
-        """Draw and judge random hogels of the unknown ones."""
+        """Draw and judge a random sample of the hogels not examined before."""
         scene, results = self.reference.scene, []
         known = [scene.plate.aperture(*index) for index in chosen.known]
         apertures = sample_hogels(scene.plate, sample, known)

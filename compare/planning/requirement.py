@@ -1,7 +1,7 @@
 """Limits that a plan must keep: of pixels, of depth buffers, and of a viewer's eyes.
 
-Lengths of a plan have three digits, so that they can be read and typed; a plan is then also equal
-for meshes that differ only by rounding, such as a refined mesh.
+Lengths of a plan have three digits, so that they are easy to read and type. Meshes that differ only
+by rounding, such as a refined mesh, then also have equal plans.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def depth_buffers(
 def round_number(index: int) -> float:
     """Return a length of three digits; successive indices give successive ones, index 0 gives 1."""
     decade, place = divmod(index, 900)
-    # Parsed, not multiplied: the float nearest to the digits.
+    # Parse the digits instead of multiplying, to get the nearest float.
     return float(f"{100 + place}e{decade - 2}")
 
 
@@ -339,7 +339,7 @@ def view_zone(scene: Scene, distance: float) -> ViewZone:
 
 
 def seen_content(scan: PlateScan) -> noticeable.Content:
-    """Return the depths that a plate shows, according to a scan."""
+    """Return the depths visible through a plate, according to a scan."""
     heights = np.concatenate([look.height.ravel() for look in scan.looks])
 
     def depths(side: float) -> Interval | None:

@@ -1,14 +1,14 @@
 """Scan over numbers of cuts, with monotone searches for the cuts and for the near offset.
 
-With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, and within it
-displacement shrinks with z1. Cuts are placed from the far end inward. The outermost slab ends at
-the reach, and its cut is as low as the separation at the farthest surface in it allows. A lower cut
-only helps the next slab, which then ends sooner and holds nothing farther. So each slab in turn
-takes as much as it may, and no other k cuts have a smaller z1.
+With k cuts, the first cut, z1, is minimised: outside of z1 nothing is displaced, and within it
+displacement decreases with z1. Cuts are placed from the far end inward. The outermost slab ends at
+the reach, and its cut is as low as the separation at the farthest surface in the slab allows. A
+lower cut only helps the next slab, which then ends earlier and contains no farther surface. Each
+slab in turn is therefore made as deep as allowed, and no other k cuts have a smaller z1.
 
-Displacement grows with n, and errors of depth grow as n falls: the near that is planned is the one
-farthest from both limits, for apertures that no scan has traced. The ranges of near that pixels and
-depth buffers each allow by themselves are searched in the same way.
+Displacement grows with n, and depth errors grow as n decreases. The planned near has the largest
+margin to both limits, for apertures that no scan has traced. The ranges of near allowed by pixels
+and by depth buffers are searched in the same way.
 """
 
 import math
@@ -40,8 +40,8 @@ from xfrustum.scenes.plate.plate import Frustum
 #: sheets that are this many times closer than required.
 SEPARATION_MARGIN = 2.0
 
-#: Ratio of successive separations for which cuts are placed, where gaps in the scene are narrower
-#: than the required separation, and their number: down to 1/4096 of it.
+#: Ratio and number of the successive separations for which cuts are placed if gaps in the scene are
+#: narrower than the required separation: down to 1/4096 of it.
 TARGET_RATIO, MAX_TARGETS = 2.0**-0.5, 24
 
 #: mean number of lengths of three digits between a length and its half
@@ -52,12 +52,12 @@ MAX_CUTS = 16
 #: bytes of a depth value
 BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 
-#: Margin beyond which more has no benefit. Apertures that no scan has traced use little of it: of
-#: all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605
-#: scanned.
+#: Margin beyond which a larger margin has no benefit. Unscanned apertures need little of it: the
+#: worst of all 4,941 hogels of `beetle` is displaced 1.2 times as much as the worst of the 605
+#: scanned hogels.
 ENOUGH_MARGIN = 10.0
 
-#: The cheapest depth buffer, the usual one, and the finest whose depth no fragment writes.
+#: The cheapest depth buffer, the most common, and the finest without depth written by fragments.
 COMPARED_BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -158,7 +158,7 @@ class Search:
         return Outcome(able=True, failed=failed)
 
     def cuts(self, buffer: DepthBuffer, count: int, separation: float) -> tuple[float, ...]:
-        """Return up to `count` heights, ascending, as near to the plate as a separation allows."""
+        """Return up to `count` heights, ascending, as close to the plate as a separation allows."""
         cuts: list[float] = []
         highest = self.highest
         while len(cuts) < count and highest >= self.lowest:
@@ -193,7 +193,7 @@ class Search:
         """Return the smallest separation in a slab beyond the first; 0 in none."""
         if low >= high:
             return 0.0
-        # Outside of the first slab cameras stand in the aperture.
+        # Cameras of all slabs except the first are in the aperture.
         slab = DepthRange(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
         return self._views.separation_in(slab, _settings(buffer, 1.0))
 

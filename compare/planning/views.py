@@ -1,14 +1,14 @@
 """Errors of settings at some apertures: predicted by closed forms, and measured.
 
 A plan is measured over the pixels of the drawn picture, which show other surfaces than the truth at
-contours. The closed form of displacement therefore gives each pixel of the truth the largest
+contours. The closed form of displacement therefore assigns to each pixel of the truth the largest
 displacement of itself and its neighbors: a picture displaced by less than a pixel shows no other
-surface there. The reference handles surfaces that no pixel of the truth shows by tracing the offset
-cameras: a camera that has stepped back by n sees farther to the side where |z| <= n.
+surface there. Surfaces that no pixel of the truth shows are found by tracing the offset cameras,
+which cover more to the side for |z| <= n.
 
-Sheets at the farthest visible surfaces measure depth: the film of a camera is tiled with cells, and
-each cell belongs to one pair of sheets. Each pair has cells all over the film, and no cell occludes
-another, so that one picture shows all pairs of a camera.
+Pairs of sheets at the farthest visible surfaces measure depth resolution. The film of a camera is
+tiled with cells, each of which belongs to one pair of sheets. Each pair has cells all over the
+film, and no cell occludes another, so that one picture shows all pairs of a camera.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum
 #: the surfaces of a refined mesh by 1e-16 of their coordinates, and cuts have three digits.
 HEIGHT_TOLERANCE_RATIO = 1e-9
 
-#: width of a neighborhood in pixels: one to each side
+#: width of a neighborhood in pixels: one pixel to each side
 NEIGHBORHOOD_PX = 3
 #: progress, called with a number of hogels
 Done = Callable[[int], object]
@@ -151,7 +151,7 @@ class Views:
         return self.reference.scene
 
     def farthest(self, camera: Camera) -> float:
-        """Return the largest |z| that a camera sees from any aperture; 0 where it sees nothing."""
+        """Return the largest |z| visible to a camera from any aperture; 0 if nothing is visible."""
         return max((view.farthest(camera) or 0.0 for view in self.views), default=0.0)
 
     def displaced(self, settings: DoubleFrustum, limit: float = math.inf) -> float:
@@ -326,7 +326,7 @@ class SheetPair:
             y = bundle.center[1] + s * (bundle.shear[1] + v * bundle.half_extent[1])
             corners = np.stack((x, y, z), axis=-1).reshape(-1, 3)
             sheets.append(SceneObject(name="sheet", vertices=corners, faces=faces))
-        # The farther one comes first. C keeps the nearer, C* the farther.
+        # The farther sheet comes first. C keeps the nearer sheet, C* the farther.
         return sheets if self.camera.orthoscopic is self.loser_first else sheets[::-1]
 
 

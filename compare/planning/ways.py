@@ -1,8 +1,9 @@
 """Two ways to draw a plate: by hogels with two cameras each, or by directions, all hogels at once.
 
-A hogel costs the same on every plate. A pass by directions pays for the vertices once, and then for
-each hogel: it is the faster way from some number of hogels on (`WaySpeeds.crossover`). Its lines
-have no near plane: no surface is displaced, and the wrong ones lie at edges that snapping moves.
+The time of a hogel is the same on every plate. A pass by directions processes the vertices once,
+and then each hogel, so that it is faster above some number of hogels (`WaySpeeds.crossover`). Its
+lines have no near plane, so that no surface is displaced, and wrong surfaces are only at edges that
+snapping moves.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate, PlateTile
 FEW_HOGELS, MANY_HOGELS = 64, 512
 #: Passes, and hogels, of a timing: several submissions.
 TIMED_PASSES, TIMED_HOGELS = 8, 32
-#: Timings of each quantity: the least counts, because other load only adds to it.
+#: Number of timings of each quantity; the smallest is used, because other load only adds time.
 TIMINGS = 4
 #: Largest side of a tile whose images are compared with the truth, hogels, and their number.
 COMPARED_SIDE, COMPARED_PASSES = 96, 16
@@ -59,7 +60,7 @@ def spread_pixels(frustum: Frustum, count: int) -> list[tuple[int, int]]:
     width, height = frustum.resolution
     if width * height <= count:
         return [(column, row) for row in range(height) for column in range(width)]
-    # Equal steps of a golden section on one axis fill the other one evenly too.
+    # Steps of the golden section along one axis also fill the other axis evenly.
     places = np.arange(count) + 0.5
     columns = (width * (places * (math.sqrt(5) - 1) / 2 % 1)).astype(int)
     rows = (height * places / count).astype(int)
