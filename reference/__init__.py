@@ -1,9 +1,9 @@
-"""The first answer: the surface that every line through an aperture meets first, certified and lit.
+"""The reference renderer: the first surface along every line of an aperture, certified and shaded.
 
 Read it in this order, beside docs/truth.md:
 
 * lines: the lines through an aperture, the definition of truth
-* certify: the decision of each pixel, proven, exact or a tie, and the occlusion query
+* certify: certification of each pixel, as proven, exact or a tie, and the occlusion query
 * shading: the color of true hits
 * pictures: the image of an aperture from decisions along its lines: points, normals, objects, light
 * truth: true images of a scene, in bands of rows
@@ -12,7 +12,7 @@ Read it in this order, beside docs/truth.md:
 * eye: views of eyes in front of the plate, true and replayed
 * tracers: ray tracers as second opinions
 * rays: first surfaces along any rays, with trimesh's interface
-* shadows: shadows of lights, each decided exactly
+* shadows: shadows of lights, exact for each point
 * transport: interreflection and other light transport by light paths
 * llvm: the LLVM that Dr.Jit uses, Mitsuba's variant, and the number of threads
 * backend: the device of Dr.Jit's arrays, and their conversion from and to NumPy

@@ -97,7 +97,7 @@ def open_reference(
 ) -> Reference:
     """Return a scene's reference, certified or by only a tracer; `effects` as in `Reference`.
 
-    Raises InputError for an unknown tracer, and for a scene that it cannot decide alone.
+    Raises InputError for an unknown tracer, and for a scene that a single tracer does not support.
     """
     if decision.by == CERTIFIED:
         return Reference(scene, tracer=decision.tracer, effects=effects)

@@ -24,8 +24,9 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
-#: Points along each side of a pixel that integrate the box of multisampling. A straight edge along
-#: the rows or columns of points is off by at most half a row, 1/16 of the pixel; others by less.
+#: Points along each side of a pixel that integrate the box of multisampling. The error for a
+#: straight edge along the rows or columns of points is at most half a row, 1/16 of the pixel; for
+#: other edges it is less.
 BOX_SIDE = 8
 
 #: pixels whose sums are held at once, which bounds memory: 24 bytes a pixel
@@ -68,7 +69,7 @@ def mean_color(
             )
             position = np.asarray(fine.center) + decided.s[..., None] * directions
             color = shader.picture(decided.triangle, position, directions)
-            # The sums are taken row by row, so that they do not depend on how the bands were cut.
+            # Sum row by row, so that the result does not depend on the division into bands.
             for row, line in zip(
                 lines, color.reshape(len(lines), width, side, 3).sum(axis=2), strict=True
             ):
@@ -80,7 +81,7 @@ def mean_color(
 #: sqrt(2 (8 - 1)), and of a picture, the root mean square over its pixels, far better.
 SCRAMBLINGS = 8
 
-#: First number of points of each scrambling: estimates of fewer may all miss an edge, and agree
+#: Initial number of points of each scrambling: with fewer, all estimates may miss an edge
 FIRST_POINTS = 4
 
 #: Default standard error, radiance: a quarter of an 8-bit step of full scale

@@ -1,8 +1,8 @@
 """Device of Dr.Jit's arrays, and their conversion from and to NumPy.
 
-The arrays lie on the processors, through LLVM, or on a CUDA card, by `ARRAYS`. Kernels have the
-same source on both and give the same bits. A CUDA driver's compiler may fuse a product and a sum
-into one rounding; products of doubles that a decision rests on are therefore made by `product`
+The arrays are on the CPU, through LLVM, or on a CUDA GPU, according to `ARRAYS`. Kernels have the
+same source on both and return the same bits. A CUDA driver's compiler may fuse a product and a sum
+into one rounding; products of doubles that affect a decision are therefore computed by `product`
 (docs/truth.md).
 
 Vectors are sequences of coordinates, each an array with one lane for each point, line or row.
@@ -26,8 +26,8 @@ from xfrustum.reference.llvm import array_device
 from xfrustum.reference.memory import padded
 from xfrustum.scenes.arrays import Floats
 
-# Dr.Jit takes the LLVM that is named when it is first imported: all other modules import it from
-# here.
+# Dr.Jit uses the LLVM that is named at its first import, so that all other modules import Dr.Jit
+# from here.
 ARRAYS = array_device()
 
 import drjit as dr  # noqa: E402
@@ -77,7 +77,7 @@ _KINDS = {
 
 _INT32 = np.iinfo(np.int32)
 
-#: Addend of `product` on CUDA. It lies in memory, because a literal zero would be folded away.
+#: Addend of `product` on CUDA. It is in memory, because a literal zero would be optimized away.
 _MINUS_ZERO = dr.opaque(Float64, -0.0) if ARRAYS == "cuda" else None
 
 #: Lock for recording kernels, one at a time per process; a kernel uses all processors

@@ -1,8 +1,8 @@
 """LLVM or CUDA for Dr.Jit, Mitsuba's variant, and the number of threads of a process.
 
-Dr.Jit takes the LLVM that it finds when it is first imported. It refuses version 14, and with
-15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So this module
-chooses the library by its version, and names it in `DRJIT_LIBLLVM_PATH` before that import.
+Dr.Jit selects an LLVM at its first import. It refuses version 14, and with 15 and 16 the *process*
+ends inside the first kernel ("Cannot select: ... fmaximum"). This module therefore selects the
+library by version, and sets `DRJIT_LIBLLVM_PATH` before this import.
 """
 
 import ctypes
@@ -64,7 +64,7 @@ def _cuda_card() -> bool:
     if device == "llvm":
         return False
     available = False
-    # Without a driver, a call of Dr.Jit would print messages.
+    # Without a driver, calls of Dr.Jit print messages.
     with suppress(OSError, AttributeError):
         if ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH") or "libcuda.so.1").cuInit(0) == 0:
             prepare_llvm()
@@ -240,7 +240,7 @@ def asked_version(library: Path) -> Version | None:
 def installed_llvms() -> list[Path]:
     """Return the LLVM libraries of the dynamic linker and of the usual folders."""
     libraries: list[Path] = []
-    # The loader's own list first; folders cover systems without one.
+    # Use the loader's list first; folders are for systems without it.
     ldconfig = shutil.which("ldconfig", path=os.pathsep.join((os.environ.get("PATH", ""), "/sbin")))
     if ldconfig is not None:
         listed = subprocess.run(

@@ -24,8 +24,8 @@ def bands(width: int, rows: range, pixels: int = BAND_PIXELS) -> Iterator[range]
         yield range(start, min(start + size, rows.stop))
 
 
-#: Values that kernels may read behind the end of an array: they load vectors of up to 16 lanes and
-#: gather single bytes four at a time, and NumPy's arrays have no padding
+#: Number of values that kernels may read beyond the end of an array: they load vectors of up to 16
+#: lanes and gather bytes four at a time, and NumPy arrays have no padding
 PADDING = 64
 
 #: Alignment of arrays, bytes: Dr.Jit compiles a kernel for each mix of alignments

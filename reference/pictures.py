@@ -95,7 +95,7 @@ def _overlaid(
     # Covered ties are dropped.
     row, column, _ = below.tied_triangles.T
     visible = below.tied_triangles[~covers[row - first_row, column]]
-    # Where the upper layer is empty, the result rests on both decisions.
+    # If the upper layer is empty, the certainty depends on both layers.
     certainty = np.where(covers, upper.certainty, np.maximum(below.certainty, upper.certainty))
     return certainty, np.concatenate((visible, upper.tied_triangles))
 
@@ -233,7 +233,7 @@ class Pictures:
             row = UInt32(dr.floor((Float64(lane) + 0.5) / dr.opaque(Float64, width)))
             column = lane - row * dr.opaque(UInt32, width)
             x, y = on_device(lines.x), on_device(lines.y)
-            # Not a literal: Dr.Jit would fold the sum, and keep the sign of a zero.
+            # Do not use a literal: Dr.Jit would remove the sum, and keep the sign of a zero.
             (plate,) = constants((0.0,))
             apertures = dr.gather(Float64, x, column), dr.gather(Float64, y, row), plate
             position = [
@@ -286,7 +286,7 @@ class Pictures:
             "object": objects.numpy().reshape(shape),
             "position": interleaved(position, points),
             "normal": interleaved(normal, points) if normals else None,
-            # Gray has one channel.
+            # Gray images have one channel.
             "color": interleaved(light if len(light) == 3 else light * 3, points)
             if colored
             else None,

@@ -1,9 +1,9 @@
-"""Shadows of lights, each decided for the doubles of point and light (docs/truth.md).
+"""Shadows of lights, exact for the doubles of point and light (docs/truth.md).
 
-A point is in shadow where its ray to the light meets a triangle at t > 0. Triangles in the plane of
-the point's own triangle are left out by number: the plane meets the ray in the point alone, which
-rounding has moved to either side of it. A triangle hides no light below its own plane, which smooth
-normals may face.
+A point is in shadow if its ray to the light meets a triangle at t > 0. Triangles in the plane of
+the point's own triangle are excluded by number: the ray meets this plane only in the point, which
+rounding has moved to either side. A triangle does not shadow lights below its own plane, toward
+which smooth normals may point.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """First surfaces of all hogels of a tile, decided direction by direction.
 
-One pixel of all hogels is decided at once (`certify.directions`), which pays the broad phase of the
-filter once for each pixel of a hogel, and not once for each hogel. Decisions are stored by
+One pixel of all hogels is certified at once (`certify.directions`), so that the broad phase of the
+filter runs once for each pixel of a hogel, and not once for each hogel. Results are stored by
 direction, and read by hogel.
 """
 

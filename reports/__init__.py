@@ -1,4 +1,4 @@
-"""Words and pages of results: JSON, text, HTML and pictures for users.
+"""Output of results for users: JSON, text, HTML and pictures.
 
 blocks Work in blocks: in this process, by local workers, a Dask cluster, or job arrays budget Error
 of one image link by link: numbers, text, page and pictures common/ Parts of all reports: outputs,

@@ -1,12 +1,12 @@
 """Work in blocks: in this process, in processes of this machine, on a Dask cluster, or part K of N.
 
-The store is the only coordinator. A block is finished when its result has its final name, which a
-result gets only when it is complete: any process may die at any time, and the same command
-continues with the missing blocks.
+The store is the only coordinator. A block is finished when its result has its final name, which it
+gets only when it is complete. Any process may die at any time; the same command then continues with
+the missing blocks.
 
 Processes of this machine are spawned, never forked: a process forked from one with an OpenGL
-context hangs. They communicate by pipes, so that no port is open. A Dask cluster belongs to the
-user, with the ports that the user opened (docs/clusters.md).
+context hangs. They communicate by pipes, so that no port is open. A Dask cluster is started by the
+user, with the user's ports (docs/clusters.md).
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Job(ABC):
 
     #: whether sessions use OpenGL, which takes one process per GPU
     draws: ClassVar[bool] = True
-    #: noun for the parts of a block in progress bars
+    #: name of the parts of a block in progress bars
     unit: ClassVar[str] = "hogel"
 
     @property
@@ -156,7 +156,7 @@ class Part:
         return self.count == 1
 
     def of(self, blocks: Iterable[Item]) -> Iterator[Item]:
-        """Yield every count-th block; neighbors take equally long, so parts do too."""
+        """Yield every count-th block, so that parts take about the same time."""
         return itertools.islice(blocks, self.number - 1, None, self.count)
 
 
@@ -190,7 +190,7 @@ class Engine:
     def process_count(self, blocks: int, devices: int = 0) -> int:
         """Return the number of processes of this machine for some blocks and GPUs.
 
-        Processes that share a GPU take turns at best, so each GPU has one by default.
+        Processes that share a GPU are not faster, so that each GPU has one process by default.
         """
         if not self.part.everything:
             return 1
@@ -211,10 +211,10 @@ class WorkerLostError(InputError):
 
 
 class Workers(ABC):
-    """Processes that make blocks: this one, others of this machine, or workers of a cluster."""
+    """Processes that compute blocks: this process, worker processes, or workers of a cluster."""
 
     count: int = 1
-    #: whether their files may appear here with a delay
+    #: whether files of the workers may appear here with a delay
     elsewhere: ClassVar[bool] = False
 
     @abstractmethod
@@ -291,7 +291,7 @@ def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator
             pool.end()
         return
     before = os.environ.get(DEVICE_VARIABLE)
-    # OpenGL takes the device from the environment, here as in a worker process.
+    # OpenGL reads the device from the environment, in this process and in workers.
     if devices:
         os.environ[DEVICE_VARIABLE] = str(devices[0])
     try:
@@ -354,7 +354,7 @@ class _Spawning(SpawnContext):
 
 
 class _Pool(Workers):
-    """Processes of this machine; blocks whose processes died are made again."""
+    """Worker processes on this machine; blocks of dead workers are repeated."""
 
     def __init__(self, count: int, devices: tuple[int, ...]) -> None:
         self.count = count
@@ -381,7 +381,8 @@ class _Pool(Workers):
         theirs, ours = context.Pipe(duplex=False)
         starting = (theirs, environments, pickle.dumps(job))
         self._executor = ProcessPoolExecutor(self.count, context, _begin, starting)
-        # In reverse order: processes end when the pipe closes, then the executor joins them.
+        # Release in reverse order: processes end when the pipe closes, then the executor joins
+        # them.
         self._open.callback(self._executor.shutdown, cancel_futures=True)
         self._open.callback(environments.close)
         self._open.callback(theirs.close)
@@ -410,8 +411,8 @@ class _Pool(Workers):
         running: dict[Future[Answer], tuple[Item, int]] = {}
         try:
             while True:
-                # A death breaks the whole pool, and all blocks that were running are made again:
-                # once together, and after a second death one at a time, which shows the cause.
+                # The death of a process breaks the whole pool, and all running blocks are repeated:
+                # once together, and after a second death one at a time, which reveals the cause.
                 alone = bool(again) and again[0][1] > 1
                 free = max(0, (1 if alone else self.count) - len(running))
                 repeated = [again.popleft() for _ in range(min(free, len(again)))]
@@ -450,7 +451,7 @@ def _begin(stopped: Connection[Any, Any], environments: Any, job: bytes) -> None
     # Ctrl-C goes to all processes of a terminal; the command ends its workers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-    # Standard output belongs to the command.
+    # Only the command itself may write to standard output.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.environ.update(environments.get())
     _pickled_job = job

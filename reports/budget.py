@@ -40,7 +40,7 @@ from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.representation import digits, percent
 
 CHAIN = ("T0", "T1", "T2", "T3", "T4", "T5", "R0", "R1")
-"""Names of the chain's images, as files are called; T5 only where faces are culled."""
+"""Names of the chain's images, used for files; T5 exists only if faces are culled."""
 
 PAGE, DATA = "index.html", "budget.json"
 BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
@@ -48,7 +48,7 @@ FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN
 """Files that are always written, besides `radiance-*.png` for each link of radiance."""
 
 SHOWN, EMPTY = (128, 128, 128, 90), (128, 128, 128, 14)
-"""Colors of right pixels with and without a surface, RGBA: gray on white and on dark paper."""
+"""RGBA colors of right pixels with and without a surface, visible on white and on dark paper."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -175,7 +175,7 @@ def budget(
     progress: bool = False,
     device: DeviceModel | None = None,
 ) -> BudgetReport:
-    """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
+    """Charge every wrong pixel of one image to its cause, and split its radiance error by link.
 
     Sampling and light transport of the scene are links of the radiance error. The aperture is the
     middle one where None; `progress` draws a bar on standard error; rounding is explained by
@@ -219,7 +219,7 @@ IN_ALL = "in all"
 
 
 def _radiance_rows(report: BudgetReport) -> tuple[radiance_budget.RadianceLink, ...]:
-    """Return what each link adds to the radiance error, and the error as a whole."""
+    """Return the contribution of each link to the radiance error, and the total error."""
     numbers = report.radiance.numbers
     return (
         *numbers.links,
@@ -287,7 +287,7 @@ def prediction_notes(numbers: BudgetNumbers) -> list[str]:
             named.setdefault("moves by", Reason(reasons.displacement))
         # Few pixels were predicted but many are wrong: chance does not explain this.
         if reasons.surface == Reason.FEW and link.surface >= MIN_PIXELS:
-            # Rounding moves whole regions of a surface that passes through the aperture.
+            # Rounding displaces whole regions of a surface that passes through the aperture.
             crosses = numbers.prediction_reasons.displacement == Reason.CROSSES
             named[f"surface of {link.name}"] = Reason.CROSSES if crosses else Reason.FEW
         elif reasons.surface:
@@ -362,10 +362,9 @@ def folder_of(aperture: Aperture) -> str:
 def causes(
     truth: HogelImage, charge: NDArray[np.int8], unexplained: Mask, link_colors: Sequence[str]
 ) -> bytes:
-    """Encode which link each wrong pixel is charged to, over the truth's outline, as PNG.
+    """Encode the link to which each wrong pixel is charged, over the truth's outline, as PNG.
 
-    `charge` (H, W) is negative where a pixel is right; those that are unexplained have a color of
-    their own.
+    `charge` (H, W) is negative where a pixel is right; unexplained pixels have a separate color.
     """
     # Right pixels keep an outline of the scene, readable on light and dark paper.
     pixels = np.where(truth.covered[..., None], SHOWN, EMPTY)

@@ -36,7 +36,7 @@ class FileComparison:
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:
     """Compare two EXR files; InputError if they do not belong together."""
-    # Sizes are compared before cameras: files of two sizes always differ.
+    # Compare sizes before cameras, because files of two sizes always differ.
     sizes = [image_size(path) for path in (truth, raster)]
     if sizes[0] != sizes[1]:
         (width, height), (other_width, other_height) = sizes

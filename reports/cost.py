@@ -1,4 +1,4 @@
-"""`xfrustum cost`: cost of accuracy in time, of every configuration, on one scene and machine."""
+"""`xfrustum cost`: error and time of every configuration, on one scene and machine."""
 
 from __future__ import annotations
 
@@ -61,9 +61,9 @@ DEPTHS = (
 #: docs/method.md, "Splitting".
 CUTS_PER_REACH = ((0.1,), (0.03, 0.2), (0.01, 0.05, 0.25))
 NEARS_PER_CUT = (1e-1, 1e-2)
-#: Near planes of cameras that stay in the aperture, over the shorter reach: they displace nothing,
-#: and leave a gap of near on both sides of the plate. Their depth buffer is D32F reversed, which
-#: needs no large near.
+#: Near planes of cameras in the aperture, as fractions of the shorter reach. They cause no
+#: displacement, but a gap of near on both sides of the plate. Their depth buffer is D32F reversed,
+#: which works with any near.
 NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
 #: Near plane at which samples and effects are measured: their cost does not depend on it.
 USUAL_NEAR_PER_REACH = 1e-3
@@ -74,8 +74,8 @@ TIMED_SIDE = 1024
 #: Second, stricter tolerance as a share of the first: 0.1 px for a tolerance of 0.5 px.
 STRICTER_FRACTION = 0.2
 
-#: Smaller displacements are plotted at this one: 32-bit positions cannot separate them, and a
-#: logarithmic axis has no zero.
+#: Smallest plotted displacement: 32-bit positions do not resolve smaller ones, and a logarithmic
+#: axis has no zero.
 SMALLEST_DRAWN_PX = 1e-4
 
 
@@ -163,7 +163,7 @@ class FastestWithin:
 
 
 def pareto(options: Sequence[Option]) -> list[bool]:
-    """Return which options no other one beats in time, displacement and wrong surfaces together."""
+    """Return a mask of the options on the Pareto front of time, displacement and wrong surfaces."""
     return [not any(other.beats(option) for other in options) for option in options]
 
 
@@ -363,7 +363,7 @@ def cost(
         with progress_bar(pictures, "cost", "picture", shown=progress) as bar:
             errors = _errors(ways, tracers["embree"], bar.update)
             if turned.errors is not None:
-                # A line by direction is moved by nothing: it has no near.
+                # Lines by direction have no near offset, so that their displacement is zero.
                 errors.append((0.0, turned.errors.fraction))
             seconds = _seconds(timed, repeat, bar.update)
     options = [
@@ -393,7 +393,7 @@ def cost(
     )
 
 
-#: a way, and the function that makes its picture
+#: a way to make a picture, and the function that makes it
 _Made = tuple[Way, Callable[[], HogelImage | Drawn | None]]
 
 
@@ -424,7 +424,7 @@ def _seconds(
 ) -> list[dict[str, list[float]]]:
     """Return the repeated times of each way by their names in `Option`; all take turns."""
     seconds: list[dict[str, list[float]]] = [defaultdict(list) for _ in ways]
-    # Rounds interleave all ways: drift of clock or load affects all of them alike.
+    # Rounds interleave all ways, so that drift of clock or load affects all of them equally.
     for _ in range(repeat):
         for (_, make), taken in zip(ways, seconds, strict=True):
             begun = time.perf_counter()
@@ -516,7 +516,7 @@ def _by_directions(scene: Scene, stack: ExitStack) -> _Made:
 
 
 def _of_hogels(option: Option, scene: Scene) -> Option:
-    """Return an option whose time is a hogel's share of all passes, of some timed passes."""
+    """Return an option whose time is the time of all passes per hogel, from some timed passes."""
     columns, rows = tile_about(scene.plate, scene.plate.middle, TIMED_SIDE).size
     passes = math.prod(scene.frustum.resolution)
     timed = len(spread_pixels(scene.frustum, TIMED_PASSES))

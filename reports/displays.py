@@ -1,6 +1,6 @@
 """Notebook displays of the objects of `scenes` and `compare`.
 
-`register` makes IPython display them; `import xfrustum` calls it in a notebook.
+`register` adds the displays to IPython; in a notebook, `import xfrustum` calls `register`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from xfrustum.scenes.model.scene import SceneObject
 from xfrustum.scenes.representation import counted, digits, percent, sides
 
 MOVED_PX = 1.0
-"""Displacement of full color on a map: a neighboring pixel shows the point."""
+"""Displacement with full color on a map: one pixel."""
 
 #: largest number of listed objects of a scene; the others are counted
 MAX_LISTED_OBJECTS = 24

@@ -1,4 +1,4 @@
-"""Heat maps of plates, and the apertures that a scan of a plate chooses, with their reasons."""
+"""Heat maps of plates, and the apertures selected by a scan of a plate, with reasons."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ MAX_MAP_CELLS = 120
 MAP_PIXELS = 260
 #: color of the marks of apertures
 MARK = "#D55E00"
-#: color of their labels, which lie on white on light and on dark paper
+#: color of the labels, which have a white background on any paper
 LABEL = "#1b1f24"
 
 
@@ -212,7 +212,7 @@ def mark(
     }
     figure["data"].append(points)
     for (column, row), _ in marks[:labels]:
-        # Labels go toward the middle of the plate, so that they stay on it.
+        # Labels are placed toward the middle of the plate, so that they do not leave it.
         right = 2 * column <= plate.hogels[0]
         label = {
             "text": f"<b>{column},{row}</b>",

@@ -164,7 +164,7 @@ def _inspected(
     """Return the panes of truth and image, of classes of errors, and of displacement."""
     (truth, image), (caption, classes, moved) = pair, errors
     height, width = truth.triangle.shape
-    # Rounded up: no pane is longer than the limit.
+    # Round up, so that no pane is longer than the limit.
     reduction = -(-max(width, height) // MAX_SIDE_PX)
     maps = {name: _class_numbers(masks) for name, masks in classes.items()}
     panes = [
@@ -176,7 +176,7 @@ def _inspected(
         low, high = pictures.DISPLACEMENT_RANGE_PX
         content = pictures.displacement_map(moved, reduction)
         panes.append(Pane(caption=f"Displacement, {low:g} to {high:g} px", content=content))
-    # Ties are not wrong. Wrong surfaces go before other triangles.
+    # Ties are not wrong. Wrong surfaces have precedence over other triangles.
     first = next(iter(classes))
     wrong = [n for n, label in enumerate(classes[first], start=1) if not label.startswith("tie")]
     places = np.concatenate([np.flatnonzero(maps[first] == n) for n in wrong])[:MAX_LISTED_PIXELS]

@@ -121,7 +121,7 @@ class NotebookRepr:
     """A result that a notebook displays, by its line, facts and pictures."""
 
     def _said(self) -> str:
-        """Return the result in a line or two, with sizes and units; cheap to compute."""
+        """Return the result in one or two lines, with sizes and units, without long computation."""
         raise NotImplementedError
 
     def table(self) -> str:

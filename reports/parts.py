@@ -1,4 +1,4 @@
-"""Results in blocks: a folder of Parquet files, one for each block, each whole or absent.
+"""Results in blocks: a folder of Parquet files, one for each block, each complete or absent.
 
 A part is written under a temporary name and renamed when it is on the disk: an existing part is a
 finished block. Its pages have checksums (Parquet's own): a part that fails them counts as missing.
@@ -90,7 +90,7 @@ class ParquetParts:
         path, expected = self.folder / DESCRIPTION, json.loads(json.dumps(description))
         with self._writing():
             self.folder.mkdir(parents=True, exist_ok=True)
-            # In this order: another process writes its description before anything else.
+            # Keep this order: another process writes its description before anything else.
             if any(self.folder.iterdir()) and not os.path.lexists(path):
                 raise InputError(
                     f"--out {self.out}: {self.name} exists and was not begun by this command; "

@@ -78,7 +78,7 @@ USUAL_NEAR_PER_REACH = 1e-3
 #: shares of the scanned hogels whose largest near is listed
 QUANTILES = (0.01, 0.1, 0.5, 0.9)
 
-#: Names of the judges that may bind near.
+#: Names of the constraints that may limit near.
 PIXELS, EYE, DEPTH, NOTHING = "pixels", "eye", "depth buffer", "none"
 
 #: Visible effects of near.

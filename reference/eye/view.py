@@ -1,8 +1,8 @@
 """True views and replayed views, with points and color, and the rays of an eye.
 
 The ray from an eye e, at distance L in front of the plate, to the point p of the plate has the
-slope m = (p - e) / L per unit of depth. The hogel whose cell contains p shows the place u = (m - k)
-/ t of its film there: a hogel is uniform over its cell.
+slope m = (p - e) / L per unit of depth. The hogel whose cell contains p shows film position
+u = (m - k) / t there: a hogel is uniform over its cell.
 """
 
 from dataclasses import replace

@@ -1,7 +1,7 @@
 """Phong on true hits, in double precision, with the true eye vector and without flips.
 
 CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye
-vector is -d of the pixel's own line on both sides of the plate, and the normal is turned to it.
+vector is -d of the pixel's line on both sides of the plate, and the normal is turned toward it.
 Between vertices, normals, colors and texture coordinates are interpolated linearly in space.
 Textures are decoded from sRGB, then filtered bilinearly between texel centers and repeated, with no
 mipmaps.
@@ -99,7 +99,7 @@ class Surroundings:
         """
         x, y, z = directions
         longitude = dr.atan2(x, -z)
-        # The arc tangent is exact near the poles, where the arc cosine of y is coarse.
+        # The arc tangent is accurate near the poles, where the arc cosine of y is not.
         from_top = dr.atan2(dr.hypot(x, z), y)  # type: ignore[no-untyped-call]
 
         def texel(row: Any, column: Any) -> list[Any]:
@@ -233,7 +233,7 @@ class LightModel:
             color = [term * own for term, own in zip(ambient, albedo, strict=True)]
         masks = hidden or [False] * len(self._lights)
         for (toward, intensity), mask in zip(self._lights, masks, strict=True):
-            # A light behind a surface adds nothing, and neither does a hidden one.
+            # Lights behind the surface and hidden lights contribute nothing.
             cosine = dr.select(mask, 0.0, turn * dot(normal, toward))
             if Effect.DIFFUSE in self._effects:
                 onto = dr.maximum(cosine, 0.0)

@@ -1,7 +1,7 @@
 """Embree as tracer: the first triangle of each ray, in single precision and robust mode.
 
-The answer is a proposal. Positions are computed from the triangle in double precision, and
-`certify` decides whether the proposal is right.
+The result is a proposal. Positions are computed from the triangle in double precision, and
+`certify` tests the proposal.
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -11,7 +11,7 @@
 In a dictionary or in XML, `crossed_frustum` takes `aperture` (a point), `shear_x`, `shear_y` (k),
 `half_extent_x`, `half_extent_y` (t), `reach_viewer` and `reach_back` (scene units), a film and a
 sampler. Film row 0 is at the top; +z points to the viewer; there is no `to_world`. Mitsuba computes
-in single precision: a line is off by some 1e-7 of the reach.
+in single precision: the error of a line is about 1e-7 of the reach.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ Figure = dict[str, Any]
 
 def look(place: int) -> tuple[str, str]:
     """Return color and marker of the curve at a place; no pair repeats among the first 64."""
-    # After each full cycle of the colors the markers are one further.
+    # After each full cycle of the colors, the markers advance by one.
     cycle = place // len(COLORS)
     return COLORS[place % len(COLORS)], MARKERS[(place + cycle) % len(MARKERS)]
 
@@ -29,8 +29,8 @@ def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) ->
     """Return a logarithmic axis, labeled at powers of ten where the values span that ratio or more.
 
     Smaller ranges contain too few powers of ten: label 1, 2 and 5 times each, which plotly writes
-    as a bare 2 or 5 unless a format is given. Ranges of less than one such step get plotly's own
-    choice, of about that number of labels.
+    as a bare 2 or 5 unless a format is given. For ranges of less than one such step, plotly chooses
+    about as many labels.
     """
     if not values or max(values) >= ratio * min(values):
         return {"type": "log", "dtick": 1, "exponentformat": "power"}

@@ -1,4 +1,4 @@
-"""Outputs of a command: JSON, files that are whole or absent, and progress bars.
+"""Outputs of a command: JSON, atomically written files, and progress bars.
 
 Output paths are tested before the work; files are written under temporary names and renamed at the
 end.
@@ -82,7 +82,8 @@ class Staging:
         self._aside: durable.TempPath | None = None
 
     def __enter__(self) -> Self:
-        # Next to the target and on the same file system, because otherwise renaming would copy.
+        # Create it next to the target, on the same file system, because otherwise renaming would
+        # copy.
         host = self.out
         if not host.exists():
             place = self._place if self.out.is_symlink() else self.out.absolute()
@@ -181,7 +182,7 @@ def write_output(path: Path, content: bytes, option: str = "--out") -> None:
 
 @contextmanager
 def refused(what: str, advice: str = "free some space or choose another place") -> Iterator[None]:
-    """Turn errors of the operating system into InputError: the failure, reason and advice."""
+    """Convert errors of the operating system to InputError, with failure, reason and advice."""
     try:
         yield
     except OSError as error:

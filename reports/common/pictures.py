@@ -52,9 +52,9 @@ CAUSE_COLORS = {
 }
 """Palette of Okabe and Ito, distinct for any color vision, and gray, in the order of links."""
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
-"""Color of pixels that are charged to rounding and bear none of its marks."""
+"""Color of unexplained pixels, which are charged to rounding without a cause."""
 
-#: frames whose pictures are compared with the next frames
+#: number of frames whose pictures are compared with the next frames
 KEPT_FRAMES = 3
 _STEPS, _HEIGHT_STEPS = 40, 15
 VIRIDIS = "440154 482878 3e4989 31688e 26828e 1f9e89 35b779 6ece58 b5de2b fde725"
@@ -83,7 +83,7 @@ HEIGHT_SCALE = scale_colors(BLUE_RED, np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1))
 """Colors of the height scale, from farther (blue) to nearer (red)."""
 _UNTEXTURED_GRAY = 0.4
 _KEPT_BITS = 0b11111100
-"""Mask that drops the last two bits of each channel: invisible, and half of the file."""
+"""Mask that drops the last two bits of each channel, which are invisible but half of the file."""
 _ENCODED = np.rint(LEVELS * encoding_curve(np.linspace(0, 1, 4097))).astype(np.uint8) & _KEPT_BITS
 """sRGB levels of linear values from 0 to 1, at most 0.8 of a level apart."""
 

@@ -23,7 +23,7 @@ _UNIONS = (Union, UnionType)
 
 
 def named_columns(pattern: str) -> Mapping[str, str]:
-    """Return metadata of a field that names the columns of a group, such as `time_{}_s`.
+    """Return field metadata with a pattern for the column names of a group, such as `time_{}_s`.
 
     `{}` stands for the name of a part. Without such metadata the columns of a group are called
     after the group and the part, `height_rms`.
@@ -32,7 +32,7 @@ def named_columns(pattern: str) -> Mapping[str, str]:
 
 
 class Column(NamedTuple):
-    """One column of a table: a value for each row as JSON takes it, None if the row has none."""
+    """One column of a table: a JSON value for each row, None if the row has none."""
 
     name: str
     type: pa.DataType
@@ -84,7 +84,7 @@ def table_of(kind: type, rows: Sequence[Any]) -> pa.Table:
     if not rows:
         return schema.empty_table()
     names, records = schema.names, zip(*(column.values for column in columns), strict=True)
-    # Through JSON, because pa.array imports all of pandas when it is first given a list.
+    # Convert through JSON, because pa.array imports all of pandas at its first list.
     lines = "\n".join(json.dumps(dict(zip(names, record, strict=True))) for record in records)
     options = pyarrow.json.ParseOptions(explicit_schema=schema)
     return pyarrow.json.read_json(io.BytesIO(lines.encode()), parse_options=options)

@@ -100,7 +100,7 @@ def plain_text(template: str, values: Mapping[str, Any], filters: Filters = NO_F
 
 
 def sentence(template: str, macro: str, **values: Any) -> str:
-    """Return the text of a macro in a template, a blank in place of any white space."""
+    """Return the text of a template macro, with white space collapsed to single blanks."""
     return " ".join(str(getattr(_macros(template), macro)(**values)).split())
 
 

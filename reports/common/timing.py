@@ -1,4 +1,4 @@
-"""Medians of repetitions with intervals, and races of contestants in turns."""
+"""Medians of repeated timings with intervals, and timing of alternatives in turns."""
 
 from __future__ import annotations
 
@@ -9,29 +9,28 @@ from dataclasses import dataclass, replace
 from math import comb
 
 CONFIDENCE = 0.95
-"""Least probability that an interval of six or more repetitions holds the true median.
+"""Smallest probability that an interval of six or more repetitions contains the true median.
 
 With fewer, the interval from the lowest to the highest holds it with probability 1 - 2^(1 - n)."""
 
-#: fewest differences of pairs whose interval has `CONFIDENCE`
+#: smallest number of paired differences whose interval has `CONFIDENCE`
 FEWEST_DIFFERENCES = 6
 
 FEWEST_REPETITIONS = 5
 """Fewest repetitions to distinguish two times.
 
-By chance alone the intervals of two equally long
-times are separated once in 126 times with five repetitions of each, and more rarely with more: as
-often as
-so unequal an order of ten equal ones is drawn (Mann and Whitney 1947)."""
+With five repetitions each, the intervals of two equal times are disjoint by chance in 1 of 126
+cases, the probability of a completely separated order of ten values (Mann and Whitney 1947); with
+more repetitions, more rarely."""
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the narrowest interval of order statistics that holds the median with `CONFIDENCE`.
 
-    For any distribution, the i-th smallest of n values lies above the median with the probability
-    of fewer than i heads in n tosses of a coin (David and Nagaraja, Order Statistics, section 7.1).
-    With fewer than six values it is the interval from the lowest to the highest, of less
-    confidence.
+    For any distribution, the probability that the i-th smallest of n values is above the median
+    equals the probability of fewer than i heads in n tosses of a coin (David and Nagaraja, Order
+    Statistics, section 7.1). With fewer than six values the interval is from the lowest to the
+    highest, with less confidence.
     """
     ordered, count = sorted(values), len(values)
     outside, beyond = 0, 0
@@ -97,7 +96,7 @@ def race(
     done: Callable[[], object] = lambda: None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Return the seconds of each contestant; after a warm-up all take turns, `repeat` times."""
+    """Return the seconds of each alternative; after a warm-up all run in turns, `repeat` times."""
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for turn in range(repeat + 1):
         for name, run in contestants.items():

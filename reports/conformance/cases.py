@@ -1,4 +1,4 @@
-"""Folders of cases that renderers get, and the archive of all cases with their truths.
+"""Folders of cases, the input of renderers, and the archive of all cases with their truths.
 
 The folder of a case has scene.obj in double precision and in the order of triangle numbers,
 scene.glb for engines, cameras.json and scene.npz as `camera --for json` writes them, and case.json
@@ -32,7 +32,7 @@ from xfrustum.scenes.disk.input_files import damage_refused, open_input, read_ar
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.model.hogel_image import HogelImage
 
-#: name of an archive in messages, and advice
+#: description of an archive in error messages, and advice in them
 MESSAGE = "archive of a conformance suite", "xfrustum conformance export makes one"
 #: name of the archive in the folder of `--out`
 ARCHIVE = f"conformance-{SUITE}.zip"
@@ -113,7 +113,7 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
 
 
 def write_case(case: Case, scene: Scene, folder: Path) -> None:
-    """Write the folder that a renderer gets."""
+    """Write the folder of a case for a renderer."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "case.json").write_text(
         json.dumps(described(case, scene), indent=1) + "\n", encoding="utf-8"
@@ -166,7 +166,7 @@ def _wavefront(scene: Scene) -> str:
         if normals is not None:
             lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in np.nan_to_num(normals).tolist()]
             flat |= np.asarray(np.isnan(normals[part.faces]).any(axis=(1, 2)))
-        # `usemtl` holds for all faces up to the next one.
+        # `usemtl` applies to all faces up to the next `usemtl`.
         used = None
         for place, face in enumerate(part.faces.tolist()):
             if part.texture_of_triangle is not None and part.texture_of_triangle[place] != used:

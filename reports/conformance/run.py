@@ -37,7 +37,7 @@ from xfrustum.scenes.model.device_model import DeviceModel
 
 #: file with the reason, in place of images
 UNSUPPORTED_FILE = "unsupported"
-#: largest size of such a file, bytes
+#: largest size of this file, bytes
 MAX_REASON_BYTES = 1 << 16
 SUFFIXES = (".png", ".exr")
 
@@ -195,7 +195,7 @@ class CaseRenderer:
                 raise Problem(
                     f"{self.python} returned an array of shape {drawn.shape}, not {shape}"
                 )
-            # Three bytes cannot hold fractions, NaN or larger numbers: refuse them instead of
+            # Three bytes cannot store fractions, NaN or larger numbers: refuse them instead of
             # wrapping.
             if not case.colored and not (
                 drawn.dtype.kind in "iu" and 0 <= drawn.min() <= drawn.max() < 1 << 24
@@ -252,7 +252,7 @@ def run(
     *,
     progress: bool = False,
 ) -> tuple[Verdict, ...]:
-    """Take a renderer through cases, and return the verdicts in their order."""
+    """Run a renderer on cases, and return the verdicts in the order of cases."""
     options, verdicts = options or RunOptions(), []
     with progress_bar(len(cases), "conformance", "case", shown=progress) as bar:
         for case in cases:
@@ -275,7 +275,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
         except UnsupportedError as reason:
             return replace(verdict, verdict=CaseOutcome.UNSUPPORTED, cause=str(reason))
         except Problem as problem:
-            # The scratch folder has another name in each run, but statements must be equal.
+            # The name of the scratch folder differs between runs, but statements must be equal.
             text = str(problem).replace(f"{scratch.path}/", "")
             return replace(verdict, cause=Failure.MISSING, words=(text,))
         pixels = Pixels()

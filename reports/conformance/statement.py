@@ -39,7 +39,7 @@ class Statement:
         for case in sorted(self.verdicts, key=lambda case: list(LEVELS).index(case.level)):
             counts.setdefault(case.level, Counter())[str(case.verdict)] += 1
         for level, run in counts.items():
-            # A partial run must not read as a full pass.
+            # A partial run must not look like a complete pass.
             run[NOT_RUN] = len(chosen((level,))) - run.total()
         return counts
 
@@ -64,7 +64,7 @@ class Statement:
 
     @property
     def partly(self) -> set[str]:
-        """Levels that are passed without some cases, which are not claimed or were not run."""
+        """Levels passed without some of their cases, which are not claimed or were not run."""
         return {level for level, n in self.counts.items() if 0 < n[CaseOutcome.PASS] < n.total()}
 
     @property
@@ -100,7 +100,7 @@ class Statement:
         """Return badge.json, in the form that badge services read."""
         levels = self.of_outcome(CaseOutcome.PASS)
         message = " ".join(level + ("*" if level in self.partly else "") for level in levels)
-        # Some levels passed and some failed: neither green nor red would be honest.
+        # Some levels passed and some failed, so that neither green nor red is right.
         color = "brightgreen" if self.passed else "yellow"
         if not message:
             nothing = ("nothing claimed", "lightgrey") if self.passed else ("no level", "red")

@@ -20,22 +20,21 @@ from xfrustum.scenes import Aperture, DoubleFrustum
 Row = TypeVar("Row")
 
 GEOMETRY = ("pivot", "fit", "offset", "slabs")
-"""Fields of `DoubleFrustum` for the places of the cameras and the extents of their films."""
+"""Fields of `DoubleFrustum` that determine camera positions and film extents."""
 
 SURFACE_TIE_FRACTION = 1e-4
 """Surface fractions closer than this are equal.
 
-A rasterizer snaps vertices to 2^-8 px, which leaves
-the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W,
-for contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten
-thousand."""
+A rasterizer snaps vertices to 2^-8 px, so that pixels within sqrt(2)/2 2^-8 px on both sides of a
+silhouette may be wrong: a share of 0.0055 l/W, for contours with a length of l image widths. At
+W = 512 and nine image widths this is one pixel in ten thousand."""
 
 UNSEEN_DISPLACEMENT_PX = 0.1
 """Displacements below this are equally good.
 
-At 67 pixels per degree, for which FLIP judges, a pixel
-spans 54 seconds of arc; people see an offset of 5 at best between two lines that continue each
-other (vernier acuity, Westheimer 1979): a tenth of a pixel."""
+At 67 pixels per degree, the viewing condition of FLIP, a pixel spans 54 arc seconds. The smallest
+visible offset between two collinear lines is 5 arc seconds (vernier acuity, Westheimer 1979), a
+tenth of a pixel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,10 +251,10 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     """Return the middle of the widest window of equally good near planes.
 
     A window is a run of measured near planes of one depth buffer and one camera geometry that all
-    are `equally_good`. Where windows are equally wide, the window with the larger nears is taken,
-    and where these are equal too, the geometry and the depth buffer that come first. Its middle, by
-    ratio, is farthest both from nears that are large enough to bend the picture and from nears that
-    are too small for the depth buffer; of two middles the larger near is taken.
+    are `equally_good`. If several windows are equally wide, the window with the larger nears is
+    used; if these are equal too, the first geometry and depth buffer. The middle of the window, by
+    ratio, is farthest from nears that displace too much and from nears that are too small for the
+    depth buffer; of two middles the larger near is used.
     """
     good, windows = equally_good(rows), []
     settings = dict.fromkeys(row.settings for row in rows)
@@ -295,6 +294,6 @@ def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
 
 
 def can_be_judged(rows: Sequence[Measurement]) -> bool:
-    """Return whether any setting could show any pixel wrongly."""
+    """Return whether any pixel could be wrong at any setting."""
     shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
     return shown and any(row.comparison.judged for row in rows)

@@ -48,7 +48,7 @@ class Quantity:
     measured: Number
     #: closed form; None if there is none
     predicted: Number | None = None
-    #: share of the judged pixels; otherwise a number on a logarithmic axis that has no zero
+    #: True for a share of the judged pixels; False for a number on a logarithmic axis without zero
     is_share: bool = False
 
     def figure(self, groups: Mapping[str, Rows], reach: float) -> Figure | None:
@@ -67,7 +67,7 @@ class Quantity:
             floors = [
                 0.5 / max(row.comparison.judged, 1) if self.is_share else 0 for _, row in rows
             ]
-            # Coinciding curves stay visible: each is thinner than the curve below it.
+            # Each curve is thinner than the curve below it, so that coinciding curves are visible.
             below = len(groups) - 1 - place
             marks = [symbol if value else f"{symbol}-open" for value in values]
             lines.append(
@@ -159,7 +159,7 @@ def _log_figure(lines: list[Figure], title: str, *, percents: bool = False) -> F
     nears, heights = ([at for line in lines for at in line[axis] if at] for axis in "xy")
     if not heights:
         return None
-    # Labels side by side take more room than above each other, and turned labels run into the
+    # Labels side by side need more space than stacked labels, and rotated labels overlap the
     # legend.
     near = {"title": "near plane / reach", "tickangle": 0, **log_axis(nears, ratio=30, labels=3)}
     # Shares have labels as in sentences: 0.0001 as `0.01%`.

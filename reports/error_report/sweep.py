@@ -89,7 +89,7 @@ class ReportOptions:
     #: `auto_apertures` chooses, the page has a map of the plate.
     apertures: Sequence[Aperture] | AutoApertures | None = None
     depths: Sequence[DepthBuffer] | None = None
-    #: None for both of a recentered frustum where they differ; else the aperture
+    #: None for both pivots if they differ in a recentered frustum; else the aperture
     pivots: Sequence[Pivot] | None = None
     fits: Sequence[Fit | float] | None = None
     offsets: Sequence[Offset] | None = None
@@ -240,7 +240,7 @@ def sweep(
     effects = None if options.effects == "auto" else chosen(scene, options.effects)
     decision = alone.Decision(by=options.decided_by, tracer=options.tracer)
     pixels = math.prod(scene.frustum.resolution) * len(apertures) * len(settings)
-    # Pictures shrink along both sides, so that their number of pixels shrinks by the square.
+    # Reduction along both sides reduces the number of pixels by the square.
     reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
     reference = alone.open_reference(scene, decision, effects)
     with Evaluator(scene, reference=reference, effects=effects, model=options.device) as judge:
@@ -253,7 +253,7 @@ def sweep(
         shown = worst[: inspection.MAX_HOGELS]
         inspected = tuple(inspection.inspected_drawings(judge, shown, best, causes=options.causes))
         inspection_s = time.perf_counter() - since
-        # The names are read before the context is freed.
+        # Read the names before the context is freed.
         opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
     since = time.perf_counter()
     light = measure_light(scene, apertures, settings, options) if is_shaded(scene) else None
@@ -406,8 +406,7 @@ def measure_light(
 ) -> LightReport:
     """Measure the light of a report, for a scene with materials or lights.
 
-    Light that is missed is measured at all apertures of the report, everything else at the first
-    one.
+    Missed light is measured at all apertures of the report, everything else at the first aperture.
     """
     first, drawn, question = apertures[0], [], Question(settings=(settings[0],))
     for names in ("auto", "all"):

@@ -96,7 +96,7 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
             f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32"
         )
     finished = flags if isinstance(flags, zarr.Array) and flags.shape == (rows, columns) else None
-    # Unfinished hogels stay empty; groups of others can lack the files of empty hogels.
+    # Unfinished hogels are empty; groups of other programs may lack the files of empty hogels.
     done = np.ones((rows, columns), dtype=np.bool_)
     try:
         if finished is not None:
@@ -148,7 +148,7 @@ def write_group(
         compressors=[COMPRESSOR],
         fill_value=0 if colored else -1,
         dimension_names=("row", "column", "v", "u", "rgb")[: len(shape)],
-        # Without files, hogels of zeros would look like missing ones.
+        # Without files, hogels of zeros would look like missing hogels.
     ).with_config({"write_empty_chunks": True})
     for row in range(shape[0]):
         for column, hogel in enumerate(plate.row(row)):
@@ -301,7 +301,7 @@ def _into_group(
 
 
 def is_one_file(out: Path, layout: str) -> bool:
-    """Return whether a layout is written into a file of this name, and not into a folder."""
+    """Return whether a layout is written as a single file of this name, not as a folder."""
     return layout in layouts.SINGLE_PICTURES and out.suffix.lower() in layouts.PICTURE_SUFFIXES
 
 
@@ -321,7 +321,7 @@ def _target(plate: PlateRows, out: Path, name: str, options: ConversionOptions) 
         aspect=options.aspect,
         tiles=options.tiles,
     )
-    # Tiles that do not hold the views are refused before the work.
+    # Refuse tiles that are too few for the views before the work.
     form.stated(plate.shape)
     return form
 

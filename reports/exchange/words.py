@@ -56,7 +56,7 @@ def missing_hogels(count: int) -> tuple[str, ...]:
 
 
 def incomplete(files: FileSet, *, stated: bool) -> str | None:
-    """Return the reason against a conversion of some files; None if the plate is complete.
+    """Return the reason why files cannot be converted; None if the plate is complete.
 
     `stated` is whether the user gave the number of hogels.
     """

@@ -54,10 +54,10 @@ METADATA = "zarr.json"
 #: the first two of every array
 PLATE_DIMENSIONS = ("row", "column")
 
-#: Level 1 takes a small part of the time of drawing; the checksum shows damage to a chunk.
+#: Level 1 takes little time compared with drawing; the checksum detects damage to a chunk.
 COMPRESSOR = ZstdCodec(level=1, checksum=True)
 
-#: Exceptions of Zarr at damaged files: codecs, JSON and checksums have errors of their own.
+#: Exceptions of Zarr for damaged files, including errors of codecs, JSON and checksums.
 DAMAGE = (
     OSError,
     RuntimeError,
@@ -127,7 +127,7 @@ class ImageArray:
 class Block:
     """Rectangle of hogels in one shard of every array, and the requested hogels among them.
 
-    By directions: a rectangle of pixels of the hogels of a tile, in whole shards.
+    By directions, a block is a rectangle of pixels of the hogels of a tile, in whole shards.
     """
 
     #: row by row from the top left
@@ -267,7 +267,7 @@ class PlateArrays:
         return {name: list(side) for name, side in sides.items() if side is not None}
 
     def laid_out(self, layout: object) -> Self | None:
-        """Return the arrays in a layout of the same kind; None if a stored one does not fit."""
+        """Return the arrays in a stored layout; None if it does not fit."""
         own = self.layout
         if not isinstance(layout, dict) or layout.keys() != own.keys():
             return None

@@ -1,8 +1,8 @@
 """Plates by directions: an image is one pixel of all hogels of a tile as large as memory permits.
 
 A block of work is a rectangle of pixels of a tile, and fills whole shards, so that every file is
-written once and nothing is transposed on the disk. A block is finished when all of its files are
-there. Names, shapes, types and values are the same as by hogels.
+written once and nothing is transposed on the disk. A block is finished when all its files exist.
+Names, shapes, types and values are the same as by hogels.
 """
 
 from __future__ import annotations

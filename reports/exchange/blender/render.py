@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""A program of its own, run by Blender: renders hogels of a plate with Cycles.
+"""Stand-alone program, run by Blender: renders hogels of a plate with Cycles.
 
     python render.py --out HOGELS                        with the package bpy, 4.5 or newer
     blender -b -P render.py -- --out HOGELS              in Blender 4.5 or newer
     blender -b MINE.blend -P render.py -- --out HOGELS   your scene, materials and lights untouched
 
 It reads plate.json and scene.npz, which `xfrustum camera SCENE --for blender` wrote next to it, and
-needs nothing of xfrustum. Finished hogels are kept: a stopped run continues when it is repeated.
+does not need xfrustum. Finished hogels are kept: to continue a stopped run, repeat it.
 
 The camera is the crossed frustum itself. Each ray starts at the viewer's end of its pixel's line, a
 - reach d, and runs along d = (kx + u tx, ky + v ty, -1) through the aperture a. The hogel shows the
@@ -54,7 +54,7 @@ MIN_VERSION = (4, 5)
 """Oldest version of Blender in which Cycles has cameras as shaders."""
 
 MAX_NUMBER = 1 << 24
-"""Bound of numbers that are exact in 32-bit floating point, in which Cycles passes them on."""
+"""Bound of numbers that are exact in float32, the type of attributes in Cycles."""
 
 CLIP_START, FAR_FACTOR = 1e-6, 1.01
 """Start of the rays, scene units, and their length in reaches.
