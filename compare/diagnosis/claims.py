@@ -140,9 +140,10 @@ def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats
             # Step 2: the three edges as lines on the film, by cross products of corners. `values`
             # are the line equations at the pixel's center, `volume` is the determinant of the
             # corners.
-            line_x = y * w[following] - w * y[following]
-            line_y = w * x[following] - x * w[following]
-            line_1 = x * y[following] - y * x[following]
+            x_next, y_next, w_next = x[following], y[following], w[following]
+            line_x = y * w_next - w * y_next
+            line_y = w * x_next - x * w_next
+            line_1 = x * y_next - y * x_next
             across, up = (u, v) if model.film == EVEN else model.film.bent(u, v, entry.half_extent)
             values = line_x * across + line_y * up + line_1
             volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]

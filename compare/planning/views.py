@@ -36,6 +36,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import ExactCamera, model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.model.effects import CAMERAS
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
@@ -404,6 +405,6 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
                 SheetPair(camera=camera, heights=heights, separation=separation, loser_first=first)
             )
         film = SheetFilm.from_scene(scene, view.aperture, pairs, owner, CELL_PIXELS)
-        with Rasterizer(film.scene) as rasterizer:
+        with Rasterizer(film.scene, CAMERAS) as rasterizer:
             worst = max(worst, *film.wrong_shares(rasterizer, replace(settings, camera=side)))
     return worst

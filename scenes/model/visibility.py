@@ -47,7 +47,7 @@ PLATE_ROUNDING = 2.0**-24
 INDEX_MARGIN = 1e-6
 
 #: number of triangles tested at once: in most objects one of the first is visible
-CHUNK_TRIANGLES = 1 << 12
+CHUNK_TRIANGLES, FIRST_TRIANGLES = 1 << 12, 1 << 6
 
 #: Largest number of triangles after splitting a coarse mesh. Each triangle marks a rectangle of
 #: apertures, and smaller triangles give tighter rectangles.
@@ -234,8 +234,10 @@ class Region:
     def shows(self, part: SceneObject, faces: Indices | None = None) -> bool:
         """Return whether images may show any of an object's triangles; False is certain."""
         counted = part.faces if faces is None else faces
-        for start in range(0, len(counted), CHUNK_TRIANGLES):
-            triangles = part.vertices[counted[start : start + CHUNK_TRIANGLES]]
+        # Most objects show by their first triangles: a short chunk comes first.
+        starts = [0, *range(FIRST_TRIANGLES, len(counted), CHUNK_TRIANGLES), len(counted)]
+        for start, stop in pairwise(starts):
+            triangles = part.vertices[counted[start:stop]]
             if self.holds(triangles[has_area(triangles)]).any():
                 return True
         return False
