@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
+from tests.support.long_tail import thinned
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.certify.cone import Triangles
@@ -207,8 +209,9 @@ def aimed_triangles(
     return corners
 
 
-@pytest.mark.parametrize("side", [(1, 1), (-1, -1)])
-@pytest.mark.parametrize("screen", [None, 77.0, -77.0])
+@pytest.mark.parametrize(
+    ("side", "screen"), thinned(product(((1, 1), (-1, -1)), (None, 77.0, -77.0)), 2)
+)
 def test_corners_on_lines_are_decided_as_in_rationals(
     screen: float | None, side: tuple[int, int]
 ) -> None:

@@ -1,5 +1,6 @@
 """`verify` judges positions in OpenEXR as exactly as files hold them, and names lossy formats."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,17 @@ def bench() -> Scene:
     return open_scene(str(TRIED / "bench.toml"))
 
 
+def half(bench: Scene) -> Scene:
+    """Return the scene at half its resolution, at which it takes a third of the time."""
+    return replace(bench, frustum=replace(bench.frustum, resolution=(32, 32)))
+
+
 @pytest.fixture(scope="module")
 def points(bench: Scene) -> dict[str, Any]:
     """True positions (H, W, 3), and positions drawn with a near offset."""
-    aperture = bench.plate.aperture(*PLACE)
-    true = Reference(bench).trace(aperture).position
-    with Rasterizer(bench) as rasterizer:
+    scene, aperture = half(bench), bench.plate.aperture(*PLACE)
+    true = Reference(scene).trace(aperture).position
+    with Rasterizer(scene) as rasterizer:
         offset = rasterizer.render(aperture, DoubleFrustum(near=1.0)).position
     return {"true": true, "offset": offset}
 
@@ -53,7 +59,7 @@ def test_the_truth_is_right_however_exactly_it_is_stored_and_errors_are_not(
         planes = {f"P.{axis}": values[..., at].copy() for at, axis in enumerate("XYZ")}
         header = {"compression": compression, "type": OpenEXR.scanlineimage}
         OpenEXR.File(header, planes).write(str(tmp_path / "h_{}x{}.exr".format(*PLACE)))
-        return xfrustum.verify(bench, str(tmp_path / "h_{i}x{j}.exr"), apertures=[PLACE])
+        return xfrustum.verify(half(bench), str(tmp_path / "h_{i}x{j}.exr"), apertures=[PLACE])
 
     assert judged("true").passed
     # Reading differs among the kinds of storage; judging does not.
