@@ -268,8 +268,8 @@ class AutoApertures:
 
     scout: PlateScan
     chosen: tuple[ChosenAperture, ...]
-    #: number of scanned apertures with a surface in the aperture itself: no settings draw more than
-    #: a hundredth of their picture, and they are chosen only where there are no others
+    #: Number of scanned apertures with a surface in the aperture itself. No settings draw more than
+    #: a hundredth of their pictures. They are chosen only if there are no other apertures.
     blocked: int
 
     @property

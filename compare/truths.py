@@ -27,11 +27,11 @@ class TruthBy(StrEnum):
 def chosen_order(
     order: TruthBy, scene: Scene, *, refusal: str = "", rows: int | None = None
 ) -> TruthBy:
-    """Return the order of the truths of a plate that is judged in tiles of whole rows.
+    """Return the order, directions or hogels, for a plate that is judged in tiles of whole rows.
 
-    `refusal` is the reason why hogels are judged one by one, `rows` the largest number of rows of a
-    tile by the caller. InputError if directions are stated, and there is a refusal, or a row of
-    hogels is larger than a tile.
+    `refusal` is the reason why hogels must be judged one by one, if there is one; `rows` is the
+    caller's limit of rows in a tile. Raises InputError if `order` is DIRECTIONS and there is a
+    refusal, or a row of hogels exceeds a tile.
     """
     columns, plate_rows = scene.plate.hogels
     pixels = math.prod(scene.frustum.resolution)

@@ -296,8 +296,8 @@ class LightPaths:
     ) -> Any:
         """Return linear RGB that arrives along lines, one path each.
 
-        `first` is the result of `first`; `line` are origin and direction of the line along which
-        that surface is seen, in double precision, scaled.
+        `first` are the triangles that the method `first` returned. `line` are the origins and
+        directions of the lines along which these triangles are seen, in double precision, scaled.
         """
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         triangle, active = first

@@ -1,4 +1,4 @@
-"""`xfrustum plan`: settings that keep a requirement, measures, limits of near, and the command."""
+"""`xfrustum plan`: settings that meet a requirement, measures, limits of near, and the command."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ class PlanReport(NotebookRepr):
         return plate_command(self.scene, settings), scene_command(verb, self.scene, *words)
 
     def _film(self) -> list[str]:
-        """Return the option of a film that is drawn in a minute; nothing for few hogels."""
+        """Return `--resolution` of a film that is drawn within a minute; none for few hogels."""
         if math.prod(self.scene.plate.hogels) <= CONFIRMED_HOGELS:
             return []
         width, height = self.scene.plate.size

@@ -213,7 +213,7 @@ class JudgedViews(loss.Views):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneView(NotebookRepr):
-    """Pictures, loss maps and numbers of all eyes; without a renderer, no maps of it."""
+    """Pictures, loss maps and numbers of all eyes; maps of a renderer only if there is one."""
 
     scene: Scene
     views: tuple[JudgedViews, ...]

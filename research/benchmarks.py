@@ -1,6 +1,6 @@
 """Benchmarks, as ratios within one run; each returns the JSON object that its command prints.
 
-`bench truth`, `judge` and `plate` race the toolkit against plain loops and bare tracers.
+`bench truth`, `judge` and `plate` time the toolkit, plain loops and bare tracers.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from xfrustum.scenes.plate.plate import PlateTile
 #: The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types
 Record = dict[str, Any]
 
-#: the near offset that all contestants draw with, as a fraction of the reach
+#: near offset of all drawn images, as a fraction of the reach
 RELATIVE_NEAR = 1e-3
 
 
@@ -122,7 +122,7 @@ def ratios_of(
 
 
 def exhaust(images: Iterable[object]) -> None:
-    """Take every image and keep none."""
+    """Consume all images without keeping them."""
     deque(images, maxlen=0)
 
 
@@ -131,7 +131,8 @@ def rates_table(title: str, races: Sequence[Record], key: str) -> str:
     heads = ["{} x {}".format(*race["resolution"]) for race in races]
     rows: list[Sequence[str]] = [[title, *heads]]
     for name in races[0][key]:
-        # A rate is its median and both ends; None stands for a contestant that does not run here.
+        # A rate is a median with the smallest and largest value; None for a contestant that is
+        # missing.
         rates = [
             rate and list(rate.values())[:3]
             for rate in json_ready([race[key][name] for race in races])
@@ -183,14 +184,14 @@ def _mitsuba() -> str:
 def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
     """Return the contestants that this machine has, by the names in `TRUTH_MEANINGS`.
 
-    Acceleration structures are built, and rays aimed, here or at the first call, which no clock
-    should count. The certified truth has no such structure: each call begins with the triangles.
-    `mitsuba` is missing if only its scalar variant is available, which traces one ray at a time.
+    Acceleration structures and rays are made here or at the first call, which must not be timed.
+    The certified truth has no such structure: each call begins with the triangles. `mitsuba` is
+    missing if only its scalar variant is available, which traces one ray at a time.
     """
-    # Rays are aimed once, before any clock.
+    # Rays are made once, before timing begins.
     origins, directions = film_rays(scene, aperture)
     embree, reference = EmbreeTracer(scene), Reference(scene)
-    # Built before the race: no clock counts acceleration structures.
+    # Acceleration structures are built before timing begins.
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
     runs: dict[str, Callable[[], object]] = {
         "embree": lambda: embree.first_hits(origins, directions),
@@ -211,7 +212,7 @@ def benchmark_truth(
     *,
     progress: bool = False,
 ) -> Record:
-    """Measure the certified truth of a middle aperture and bare tracers; W = H of each race.
+    """Measure the certified truth of a middle aperture and bare tracers, for square films.
 
     InputError if the scene has no triangles.
     """
@@ -221,8 +222,7 @@ def benchmark_truth(
     ) as bar:
         for film in scenes:
             (width, height), rates = film.frustum.resolution, {}
-            # Run one contestant at a time, so that none is slowed by the caches and heap of
-            # another.
+            # Run one contestant at a time, so that the caches and heap of another do not slow it.
             for name, run in truth_contestants(film, film.plate.middle).items():
                 rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
                 bar.update()
@@ -306,7 +306,7 @@ def judged_in_loop(
 def judged_plainly(
     rasterizer: Rasterizer, mesh: RayMeshIntersector, apertures: Sequence[Aperture]
 ) -> list[tuple[float, float]]:
-    """Judge hogels as a user would with trimesh and NumPy; nothing that it finds is proven.
+    """Judge hogels as a user would with trimesh and NumPy, without proofs.
 
     Each has the share of pixels with another object, and the 99th percentile of displacement, px.
     """
@@ -338,7 +338,7 @@ def benchmark_judge(
     *,
     progress: bool = False,
 ) -> Record:
-    """Measure judged hogels a second, spread over the plates of some scenes; W = H of each race.
+    """Measure judged hogels a second, spread over the plates of some scenes, for square films.
 
     Contestants take `repeat` turns after a warm-up. InputError for a scene without triangles, and
     without a usable OpenGL.
@@ -366,7 +366,7 @@ def benchmark_judge(
 def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
     """Measure the contestants at one resolution."""
     middle, plate = scene.plate.middle, scene.plate
-    # Spread evenly over the plate row by row; some twice where it has fewer.
+    # Spread evenly over the plate, row by row; a plate with fewer hogels repeats some.
     numbers = np.linspace(0, math.prod(plate.hogels) - 1, hogels).astype(int).tolist()
     apertures = [
         plate.aperture(number % plate.hogels[0], number // plate.hogels[0]) for number in numbers
@@ -449,7 +449,7 @@ COLOR_ONLY = PlateContent(color=ColorType.UINT8)
 def benchmark_plate(
     scene: Scene, resolution: int = 128, repeat: int = 5, *, progress: bool = False
 ) -> Record:
-    """Race the middle row of a scene's plate, by directions its whole plate; W = H.
+    """Time the middle row of a scene's plate, and the whole plate by directions, for square films.
 
     InputError if the scene has no triangles.
     """
@@ -480,7 +480,7 @@ def benchmark_plate(
         }
         passes = spread_pixels(scene.frustum, MOST_PASSES)
         tile = PlateTile.whole(scene.plate)
-        # The plate has no images by direction where surfaces reach the screen.
+        # If surfaces reach the screen, images by direction do not exist.
         with suppress(InputError):
             turned = stack.enter_context(
                 DirectionRenderer(

@@ -1,7 +1,7 @@
 """`xfrustum study noticeable`: near offsets and depth buffers that viewers notice.
 
-Closed forms answer for every plate, place, pivot, near and depth buffer; some are replayed to two
-eyes. Lengths are in millimeters, the unit of the scenes.
+Closed forms evaluate every plate, distance, pivot, near and depth buffer; some of these cells are
+also replayed to two eyes. Lengths are in millimeters, the unit of the scenes.
 """
 
 import math
@@ -28,9 +28,9 @@ from xfrustum.scenes.representation import digits
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
-#: that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye
+#: viewing distance in the summary, mm: an arm's length, as of a reader from a page
 USUAL_DISTANCE = 600.0
-#: from which on replay and closed form are compared: a twentieth of stereo acuity
+#: smallest change at which replay and closed form are compared: a twentieth of stereo acuity
 SEEN_ARCSEC = 1.0
 
 #: Number of pixels of which one may be wrong by depth: the exact bound of Clopper and Pearson at
@@ -40,7 +40,7 @@ PIXELS = 4742
 
 @dataclass(frozen=True)
 class Cell:
-    """One question: a viewer, a plate of some pitch, and the settings that draw it."""
+    """One combination: a viewer, a plate of some pitch, and the settings that draw it."""
 
     scene: str
     pitch: float
@@ -124,7 +124,7 @@ class Row(Replay, Cell):
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Every combination is answered in closed form; some cells are replayed besides."""
+    """Every combination is evaluated in closed form; some cells are also replayed."""
 
     scenes: tuple[
         tuple[str, tuple[Pivot, ...]], ...
@@ -133,7 +133,7 @@ class Study:
     buffers: tuple[tuple[DepthFormat, DepthMapping], ...]
     pitches: tuple[float, ...]
     distances: tuple[float, ...]
-    #: with all depth buffers at the middle pitch and distance
+    #: nears that are replayed with all depth buffers at the middle pitch and distance
     replayed_nears: tuple[float, ...]
     pixels: int = PIXELS
 
@@ -147,8 +147,8 @@ class Study:
     def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
         """Return the indices of replayed cells: with `replayed_nears`, and decisive ones.
 
-        A case is decided by the largest near whose offset is not noticed: a larger one is noticed,
-        and a smaller one leaves more to be wrong by depth.
+        The largest near whose offset is not noticed decides a case: larger nears are noticed, and
+        with smaller nears more pixels are wrong by depth.
         """
         middle = self.pitches[len(self.pitches) // 2], self.distances[len(self.distances) // 2]
         decisive, anyway = dict[object, int](), set[int]()

@@ -16,11 +16,12 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.model.hogel_image import NOTHING
 
-#: columns of the films of both eyes: a part draws at most as many hogels as pixels
+#: columns of each eye's film; its number of pixels limits the number of drawn hogels
 FILM_COLUMNS = 64
 
-#: distance of two surface points that count as one, in widths of a pixel of the eye and of a hogel
-#: at their depth together: the point shown to one eye lies between pixels of the other
+#: Largest distance of two surface points that count as one point, in units of a pixel width of the
+#: eye plus a hogel width, both at their depth. The point that one eye sees lies between pixels of
+#: the other.
 SAME_PLACE = 2.0
 
 
@@ -66,8 +67,8 @@ class ReplayWorkbench:
         self._control: tuple[DoubleFrustum, list[Mask]] | None = None
 
     def measure(self, settings: DoubleFrustum) -> Replayed:
-        """Draw the views, also with exact depth, which settings may share; judge both."""
-        # Settings that differ in depth alone share their control.
+        """Draw and judge the views, with the depth buffer of the settings and with exact depth."""
+        # Settings that differ only in depth share the views with exact depth.
         exact = with_exact_depth(settings)
         if self._control is None or self._control[0] != exact:
             self._control = exact, self._wrong(self._drawn(exact))
@@ -79,7 +80,7 @@ class ReplayWorkbench:
         errors = errors[np.isfinite(errors)] * ARCSEC_PER_RADIAN
         change = None
         if errors.size:
-            # The border of the plate does not move: zero is one of the changes.
+            # The border of the plate does not move, so that zero is one of the changes.
             low, high = np.percentile(errors, (1, 99))
             change = float(max(high, 0.0) - min(low, 0.0))
         return Replayed(

@@ -1,8 +1,8 @@
 """`xfrustum study splitting`: scenes, nears and depth buffers for which one pair is enough.
 
-A cell is one picture: a scene of `scenes.library.depth_family` through one aperture, drawn by
-cameras with one near and one depth buffer, judged beside its truth; and a pair of sheets at the far
-end of its side, which the depth buffer orders or does not. All lengths are shares of the reach.
+A cell is one judged picture: a scene of `scenes.library.depth_family` through one aperture, drawn
+with one near and one depth buffer. It also contains a pair of sheets at the far end of its side,
+which tests whether the depth buffer orders them. All lengths are shares of the reach.
 """
 
 import math
@@ -46,10 +46,10 @@ AS_IN_THE_PAPER: Drawing = (Pivot.APERTURE, None, Offset.PLATE)
 
 #: distances of two sheets
 SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-#: distance of two surfaces at the far end that a depth buffer must order
+#: smallest distance of two surfaces at the far end whose order a depth buffer must keep
 ASKED_SEPARATION = 1e-3
 
-#: along each side of the film of sheets, and of a cell
+#: number of cells along each side of the film of sheets, and of pixels along each side of a cell
 SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4
 #: relative spread of the heights of a sheet's cells, so that their depths round differently
 SHEET_PHASE = 0.05
@@ -61,9 +61,9 @@ SHEET_HEIGHT = FARTHEST / (
 #: of the picture, which the 99th percentile of displacement leaves out.
 NEAREST_PERCENTILE = 1
 
-#: slabs on one side that are tried before a case is given up
+#: largest number of slabs on one side that is tried for a case
 MAX_SLABS = 6
-#: close under the nearest surface, so that the first slab is empty
+#: height of the first cut over the nearest |z|: just under one, so that the first slab is empty
 FIRST_CUT_PER_NEAREST = 0.99
 _LEAST_NEAR, _LARGEST_NEAR = (
     1e-12,
@@ -182,8 +182,8 @@ class Grid:
 Study = tuple[tuple[float, ...], tuple[Grid, ...]]
 
 _DEPTHS = (1.5, 10.0, 100.0, 1000.0)
-#: Depth buffers of the other families: all that devices store without a fragment's help, and one
-#: written by fragments. Depths equal the first family's for the same |z| and near.
+#: Depth buffers of all families but the first: all that need no depth from the fragment shader, and
+#: one that does. Depths equal those in the first family for the same |z| and near.
 _BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -314,7 +314,7 @@ def _sheets_of(cell: Cell) -> list[Cell]:
 
 
 def _camera(sheets: Cell) -> tuple[Camera, float]:
-    """Return the camera that draws the far end, and how far it stands back."""
+    """Return the camera that draws the far end, and the near offset of its center."""
     return sheets.side, 0.0 if sheets.slabs or sheets.offset is Offset.NONE else sheets.near
 
 
@@ -449,7 +449,7 @@ def suitability(row: Row, *, predicted: bool = False) -> Suitability:
     if predicted:
         starved = row.predicted_separation > ASKED_SEPARATION
     else:
-        # A picture in which nothing is left to be displaced has lost everything to depth.
+        # If no pixel has a measured displacement, all surfaces were lost by depth.
         bent = bent or (row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX)
         starved = (
             row.depth_wrong / row.judged > MAX_DEPTH_WRONG
@@ -545,8 +545,8 @@ def sentence(rows: Rows) -> str:
         own = [outcome for case, outcome in results.items() if case.buffer == buffer]
         always = unbroken(set.intersection(*(set(outcome.nears) for outcome in own)), measured)
         enough = sum(bool(outcome.nears) for outcome in own)
-        # Equally good buffers: the first that costs no early depth test.
-        # More enough cases first, then a wider range of nears.
+        # Among equally good buffers, the first that allows early depth tests. More enough cases
+        # first, then a wider range of nears.
         rank = (enough, len(always), buffer[1] not in BY_FRAGMENT, -place)
         ranked.append((rank, buffer, always, len(own)))
     (enough, *_), buffer, always, cases = max(ranked)
@@ -606,7 +606,7 @@ def agreement(rows: Rows) -> dict[str, float]:
         if outcome.nears and outcome.nears[-1] < near < outcome.nears[0]
     }
     gap_nears, gap_buffers = {near for near, _ in gaps}, {buffer for _, buffer in gaps}
-    # A near of zero, where any is enough, serves every product.
+    # If any near is enough, the smallest one is taken as zero.
     least = {
         buffer: least_near(buffer) or 0.0 for buffer in dict.fromkeys(row.buffer for row in rows)
     }

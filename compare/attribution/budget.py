@@ -119,7 +119,7 @@ class ChainStart(ShortRepr):
     exact_wrong: Mask
     #: (H, W) last link up to R0 that changes the triangle of a pixel, else `RIGHT`
     charge: NDArray[np.int8]
-    #: (H, W) link from which on a pixel of R0 shows a wrong surface, else `RIGHT`
+    #: (H, W) last link that makes the surface of a pixel wrong, if it is wrong in R0, else `RIGHT`
     surface_charge: NDArray[np.int8]
     #: displacement of each image in pixels, (2, H, W); equal images share one array
     shifts: tuple[Floats, ...]

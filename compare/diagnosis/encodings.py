@@ -323,7 +323,7 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Search:
-    """Search for a reading other than the stated one."""
+    """Search for another reading of the stored pixels than `stated`."""
 
     reference: Reference
     images: Sequence[HogelImage]
@@ -560,8 +560,8 @@ class _Search:
         orders = CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]
         for channels, offset in itertools.product(orders, (1, 0, 2)):
             plain = replace(start, channels=channels, offset=offset)
-            # The code of no surface may be the most frequent integer that does not exist in the
-            # scene.
+            # Pixels without a surface may have the most frequent integer that is not a number in
+            # the scene.
             packed = np.concatenate(
                 [stored_integers(image, plain).ravel() for image in self.images]
             )

@@ -351,7 +351,7 @@ class SheetFilm:
         owner: Indices,
         cell_pixels: int,
     ) -> SheetFilm:
-        """Tile a film with square cells, in pixels; `owner` (cells, cells) has the pair of each."""
+        """Tile a film with square cells; `owner` (cells, cells) is the pair of each cell."""
         objects = (
             sheet for number, pair in enumerate(pairs) for sheet in pair.objects(owner == number)
         )

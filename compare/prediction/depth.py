@@ -48,9 +48,10 @@ PLANE_ROUNDINGS = 2  #: roundings of a triangle's plane equation: one step along
 #: plane equation of 1 / w, and the reciprocal of 1 / w.
 W_ROUNDINGS = 6
 
-#: Roundings of the depth that a fragment computes from w. Linear depth has a difference, a
-#: division, and storing; the logarithm counts its half units in the last place. The approximation
-#: error of the logarithm, apart from rounding, is equal for two close depths and cancels.
+#: Roundings of the depth that a fragment computes from w. Linear depth is rounded by a subtraction,
+#: a division and the store; for logarithmic depth, the half units in the last place of the
+#: logarithm's error are counted. The approximation error of the logarithm, apart from rounding, is
+#: equal for two close depths and cancels.
 EXPRESSION_ROUNDINGS = {DepthMapping.LINEAR: 3, DepthMapping.LOGARITHMIC: LOG_ULPS}
 
 
@@ -297,10 +298,10 @@ def depth_wrong_shares(
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
-    If the order is known, the probability is twice the part from 0 to q for another surface that is
-    drawn first, and twice the part from -q to 0 for one that is drawn later. With one other surface
-    of each kind, the larger probability counts. If e is small compared with q, the phase is known
-    as well and is used (`_misordered_steps`).
+    If the order is known, the interval from -q to q of F is replaced by 0 to q for another surface
+    that is drawn first, and by -q to 0 for one that is drawn later; the result is doubled. With one
+    other surface of each kind, the larger probability counts. If e is small compared with q, the
+    phase is known as well and is used (`_misordered_steps`).
 
     A surface is lost if its depth lies within half a step of the clear value; the error of this
     single depth has variance e^2 / 2. A surface at a cut is in two slabs, and is lost if both slabs

@@ -56,10 +56,10 @@ Pair = tuple[float, float]  #: values for edges along rows, and for edges along 
 #: filter would round off corners and mix close contours.
 CONTOUR_SIGMA_PX = 1.5
 
-#: Smallest distance, in spacings of neighboring lines, of two neighboring points from each other's
-#: tangent planes that counts as an occlusion. With one crease between them, two points of a surface
-#: are at most one spacing off the plane of the face that its line meets less steeply; on a surface
-#: that bends twice, two spacings. A closer occlusion is missed, with negligible effect: the
+#: Two neighboring points form an occlusion if their distances from each other's tangent planes are
+#: at least this many spacings of neighboring lines. With one crease between them, two points of a
+#: surface are at most one spacing off the plane of the face that its line meets less steeply; on a
+#: surface that bends twice, two spacings. A closer occlusion is missed, with negligible effect: the
 #: displacements of the two surfaces differ by at most 4 t / W of their size.
 MIN_OCCLUSION_SPACINGS = 2
 

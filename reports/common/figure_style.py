@@ -19,7 +19,7 @@ Figure = dict[str, Any]
 
 
 def look(place: int) -> tuple[str, str]:
-    """Return color and marker of the curve at a place; no pair repeats among the first 64."""
+    """Return color and marker of curve number `place`; the first 64 curves have different pairs."""
     # After each full cycle of the colors, the markers advance by one.
     cycle = place // len(COLORS)
     return COLORS[place % len(COLORS)], MARKERS[(place + cycle) % len(MARKERS)]

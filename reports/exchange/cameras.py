@@ -98,7 +98,7 @@ def write_cameras(
 
 
 def write_triangles(scene: Scene, path: Path) -> None:
-    """Write all triangles, scene units, their objects, and the data of shading."""
+    """Write all triangles, in scene units, with their object numbers and shading."""
     objects, environment = scene.objects, scene.appearance.environment
     shading = {
         name: getattr(scene.surface, name) for name in ("vertex_normals", "vertex_colors", "uv")

@@ -465,7 +465,7 @@ class _Look:
 
 
 def _unread_extension(name: str) -> UnreadFeature:
-    """Return the list entry of an unread extension."""
+    """Return the entry of an unsupported extension in the list of unread features."""
     if name == "KHR_materials_pbrSpecularGlossiness":
         return UnreadFeature(name, "is not shown: colors are those of the core material")
     if "_materials_" in name:

@@ -19,7 +19,7 @@ _HEADER = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(ST)?(C)?(N)?(4)?(n)?OFF\b([ \t]*BIN
 
 
 def read_off(path: Path) -> MeshContent:
-    """Read an OFF file; InputError, with the line, for damage or an unread variant."""
+    """Read an OFF file; InputError, with the line, for damaged or unsupported files."""
     # Letters precede OFF in the header in this order; a file without a header is plain OFF.
     data = plain_text(read_input(path, "mesh file"))
     header = _HEADER.match(data)
