@@ -195,7 +195,7 @@ class ChainStart(ShortRepr):
 def _surface_charge(
     reference: Reference, images: Sequence[HogelImage], wrong: Mask, changing: Sequence[int]
 ) -> NDArray[np.int8]:
-    """Return the link from which on each wrong pixel (H, W) of R0 shows a wrong surface."""
+    """Return the last link that makes the surface of each wrong pixel (H, W) of R0 wrong."""
     # In the traced images, only pixels that are wrong in the end are judged. The truth is right
     # everywhere: the first link is charged unless a later image shows the right surface again.
     pixels = np.flatnonzero(wrong)

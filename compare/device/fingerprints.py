@@ -27,18 +27,18 @@ MOST_SUBPIXEL_BITS, MOST_FILTER_BITS = 12, 12
 """The finest grids of the search. Weights are odd multiples of 2^-13, which no coarser grid has."""
 
 FILTER_ROUNDINGS = 4
-"""Roundings of 2^-24 in the weight of a texel of two.
+"""Roundings of 2^-24 in the weight of one of two filtered texels.
 
-One each in the place between 0 and 1, in its product with their number, in the half that is
-subtracted, and in the mean."""
+One rounding each: the coordinate from 0 to 1, its product with the number of texels, the
+subtraction of one half, and the mean."""
 
 PLANE_NOISE = 1.5
-"""Roundings off a plane from which on its steps are rounded: one to store, at most one a step.
+"""Deviation from a plane, in roundings, above which the steps of the plane are rounded.
 
 Measured were 1.01 (H100) and 2.00 (llvmpipe)."""
 
 LEAST_OF_PLANE = 20
-"""Least number of pixels of a triangle for a fit of a plane, which has three unknowns."""
+"""Smallest number of pixels of a triangle to which a plane, with three unknowns, is fitted."""
 
 NEAREST_EVEN = "nearest, half to even"
 ROUNDED: dict[str, Callable[[Floats], Floats]] = {
@@ -109,7 +109,7 @@ class Measured:
 
     @cached_property
     def model(self) -> DeviceModel:
-        """The model of the device, only by measurement."""
+        """The model of the device by measurement alone."""
         fixed = {depth.value: self.stored_range(depth) for depth in FIXED}
         return DeviceModel(
             name=self.fingerprint.device["renderer"],
@@ -137,12 +137,12 @@ class Measured:
 
     @cached_property
     def viewport(self) -> dict[str, int]:
-        """Wrong pixels for each way to round corners to the grid, by the best tie rule."""
+        """Wrong pixels for each way to round corners to the grid, with its best tie rule."""
         return {name: min(self._differs(self.subpixel_bits, name).values()) for name in ROUNDED}
 
     @cached_property
     def ties(self) -> dict[str, int]:
-        """Wrong pixels by each of the best tie rules, with corners rounded in the best way."""
+        """Wrong pixels for each of the best tie rules, with corners rounded in the best way."""
         counts = self._differs(
             self.subpixel_bits, min(self.viewport, key=self.viewport.__getitem__)
         )
@@ -150,10 +150,10 @@ class Measured:
 
     @cached_property
     def cut_from_px(self) -> float | None:
-        """Least distance from the middle of the window of a corner of a cut triangle, pixels.
+        """Smallest distance of a corner of a cut triangle from the middle of the window, pixels.
 
-        Cutting makes new corners, which are snapped, so that pixels along the edges differ from the
-        whole triangle. None if no triangle is cut.
+        Cut triangles have new corners, which are snapped, so that pixels along the edges differ
+        from the pixels of the whole triangle. None if no triangle is cut.
         """
         whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
         # Only triangles that extend beyond the window can be cut there.
@@ -164,14 +164,15 @@ class Measured:
     def snaps_depth(self) -> bool:
         """True if stored depths are nearer to planes through snapped corners than to others."""
         off = [np.abs(self._off_planes(snapped=snapped)) for snapped in (False, True)]
-        # Medians: slivers have errors of any size on both kinds of planes.
+        # Medians, because slivers have errors of any size on both kinds of planes.
         return bool(np.median(off[1]) < np.median(off[0]))
 
     @cached_property
     def plane_noise(self) -> float:
         """Median deviation of a triangle's depths from the plane fitted to them, in 2^-24.
 
-        Errors of corners and gradient still give a plane. The variance of a rounding is a twelfth.
+        With errors of corners and gradient, depths still form a plane, which the fit removes. The
+        variance of a rounding is a twelfth.
         """
         which, points, stored = self._stored(DepthFormat.D32F, self._uncut)
         off, roundings = self._off_planes(snapped=self.snaps_depth), []
@@ -238,7 +239,7 @@ class Measured:
             model.stored(depth),
             safe_model(model.subpixel_bits),
         )
-        # Storage in float32 rounds once more.
+        # The store in float32 is one more rounding.
         kept = FLOAT32_ROUNDING * np.abs(exact)
         tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
         safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
@@ -356,8 +357,8 @@ class Measured:
     def stored_range(self, depth: DepthFormat) -> Range:
         """Return the error range of stored float32 depths, to sixteenths of a step.
 
-        Before that, the product with the number of steps is rounded in float32, which is not
-        included.
+        The range does not include the float32 rounding of the earlier product with the number of
+        steps.
         """
         drawn, (wrote, kept) = self.fingerprint.drawn, self._written(depth)
         fragments = self.fingerprint.fragment[..., 0][drawn].astype(np.float64)
@@ -381,7 +382,7 @@ class Measured:
     def _differs(self, bits: int, rounding: str) -> dict[str, int]:
         """Return the number of wrong pixels by each tie rule, for corners snapped in one way.
 
-        Triangles that reach out of the window are left out: some devices cut them at its border.
+        Triangles that extend beyond the window are left out: some devices cut them at the border.
         """
         whole, covered = self._reach <= SIZE / 2, self.fingerprint.covered
         return {

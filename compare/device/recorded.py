@@ -33,7 +33,7 @@ class RecordedFrame:
     """One frame by its name, `scene|near/reach|depth|mapping|column,row`."""
 
     name: str
-    #: (H, W) numbers as drawn, `NOTHING` where nothing is
+    #: (H, W) drawn numbers, `NOTHING` without a surface
     triangle: Numbers
 
     @property
@@ -62,7 +62,8 @@ class Replayed:
     """Differences of recorded frames from exact cameras: the record of `device --replay --json`."""
 
     frames: int
-    #: pixels that differ from exact cameras; the next four are its parts, by their cause
+    #: number of pixels that differ from exact cameras; the next four numbers are its parts, by
+    #: cause
     wrong: int
     edge: int
     order: int
@@ -77,7 +78,7 @@ class Replayed:
 
 
 class _Device(BaseModel):
-    """Names of the device that drew, as a recording has them."""
+    """Names of the device that drew, in the form of a recording."""
 
     renderer: str
     version: str = ""

@@ -31,18 +31,20 @@ from xfrustum.scenes.representation import ShortRepr, digits
 #: rows (R, 1) and columns (1, C) of pixels of a picture
 Block = tuple[Indices, ...]
 
-#: requested parts of films, by column and row of the hogel
+#: requested part of each hogel's film, by column and row of the hogel
 FilmParts = Mapping[tuple[int, int], FilmPart]
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 
 LEVELS = 255  #: 8-bit value of radiance one
 
-#: color type of drawn hogels, as in stored plates, so that both show the same pixels
+#: color type of drawn hogels, which is also the type of stored plates, so that both have equal
+#: pixels
 DEFAULT_COLOR = ColorType.FLOAT16
 
-#: distance beyond a camera's ends at which a point counts as drawn by it, as a part of the reach:
-#: cuts are made in float32, on slopes that scale a rounding of 2^-24 by some hundred
+#: Largest distance beyond a camera's range at which a point still counts as drawn by this camera,
+#: as a part of the reach. Surfaces are cut in float32; steep surfaces multiply a rounding of 2^-24
+#: by about a hundred.
 HEIGHT_TOLERANCE = 2.0**-16
 
 #: largest resolution of an eye, pixels a degree: eyes resolve 60, and filters of FLIP grow with it
@@ -220,7 +222,7 @@ class Quantiles:
 
 
 def _quantiles(values: Floats) -> Quantiles | None:
-    """Return quantiles of the finite values; None if there are none."""
+    """Return quantiles of the finite values; None without finite values."""
     known = values[np.isfinite(values)]
     return Quantiles(*np.percentile(known, (50, 99, 100)).tolist()) if known.size else None
 
@@ -239,7 +241,8 @@ class Loss:
     displacement_arcmin: Quantiles | None
     #: distance in z of points of one object on a ray, scene units
     depth_error: Quantiles | None
-    #: mean FLIP, 0 to 1, at the eye's pixels per degree; None if images have no colors
+    #: mean FLIP, 0 to 1, at the eye's resolution in pixels per degree; None for images without
+    #: colors
     flip: float | None
 
 
@@ -288,9 +291,9 @@ class Views(ShortRepr):
 def display_loss(reference: EyeReference, views: Views) -> LossMaps:
     """Return the loss of a plate of true hogels against the scene itself (A against B).
 
-    A pixel is wrong if only one of the views shows a surface there, if they show different objects,
-    or if something hides the shown point from the eye. Rays that meet no pixel of a hogel are
-    black.
+    A pixel is wrong if only one of the two views shows a surface there, if the views show different
+    objects, or if a surface hides the shown point from the eye. Rays that meet no pixel of a hogel
+    are black.
     """
     true, replayed = views.true, views.replayed
     wrong = (true.object != replayed.object) | _hidden(reference, replayed)
@@ -301,10 +304,10 @@ def display_loss(reference: EyeReference, views: Views) -> LossMaps:
 def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
     """Return the loss of a renderer's hogels against true ones (B against C).
 
-    A pixel is wrong as in `display_loss`, except for hidden points that true hogels show as well.
-    The displacement is the angle between the point of a hogel's pixel and the place of that point
-    on the pixel's line, at its height: neither pitch nor pixels of hogels are in it. `numbered` is
-    true if the drawn picture names surfaces.
+    Pixels are wrong by the rules of `display_loss`, except for hidden points that true hogels show
+    as well. The displacement is the angle between the surface point of a hogel's pixel and the
+    point at the same height on the pixel's line. It depends neither on the pitch nor on the pixels
+    of hogels. `numbered` is true if the drawn picture names surfaces.
     """
     true, drawn = views.replayed, views.drawn
     assert drawn is not None
@@ -323,7 +326,7 @@ def _maps(
 ) -> LossMaps:
     """Return all maps of an expected and a shown view; ties are not judged.
 
-    `rays` (H, W, 3) point from the eye to where the shown points belong.
+    `rays` (H, W, 3) point from the eye to the true places of the shown points.
     """
     expected, shown = pair
     for image in pair:
@@ -360,7 +363,7 @@ def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:
 
 
 def pixels_per_degree(scene: Scene, eye: Eye) -> float:
-    """Return the resolution at the middle of an eye's view; InputError for too small a view."""
+    """Return the resolution at the middle of an eye's view; InputError if the view is too small."""
     x, _, height = eye.position
     half = scene.plate.size[0] / 2
     degrees = math.degrees(math.atan2(half - x, height) + math.atan2(half + x, height))

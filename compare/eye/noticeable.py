@@ -31,7 +31,7 @@ from xfrustum.scenes.plate.plate import Frustum
 def replayed_distance(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> Floats:
     """Return the distance D from the plate at which points at |z| are seen, scene units.
 
-    A point at the first cut counts to the first slab.
+    A point at the first cut belongs to the first slab.
     """
     distance = np.asarray(distance, dtype=np.float64)
     if settings.offset is Offset.NONE:
@@ -50,7 +50,7 @@ def _in_first_slab(distance: Floats, settings: DoubleFrustum) -> Mask:
 def replayed_shifts(
     distance: Floats, frustum: Frustum, settings: DoubleFrustum
 ) -> tuple[Floats, Floats]:
-    """Return m, the move of points away from the plate, and c, their move sideways per shear."""
+    """Return m, the displacement of points from the plate, and c, the lateral one per shear."""
     moved = replayed_distance(distance, frustum, settings) - distance
     if settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE:
         # The shear about the camera's own center draws points of the first slab a further k n
@@ -173,10 +173,10 @@ class DisplayLimits:
     pixel_arcmin: float
     #: angle under which a hogel is seen
     pitch_arcmin: float
-    #: no hogel holds finer angles
+    #: diffraction limit of a hogel
     diffraction_arcmin: float | None
-    #: Depths of field: distances from the plate up to which the display shows as fine as its
-    #: hogels, or the viewer, allow; infinite where pixels are fine enough for any depth
+    #: Depths of field: largest distances from the plate at which the pitch of the hogels or the
+    #: viewer's acuity limits the resolution, and not the pixels; infinite if pixels never limit it
     behind: float
     before: float
     #: pixels of a hogel that a pupil catches along an axis
@@ -201,11 +201,12 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
 
 
 def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
-    """Return the parting of a surface's halves sideways at the plate, per parting in depth.
+    """Return the lateral gap of a surface's halves at the plate, per displacement in depth.
 
-    Seen along a ray of slope m through an aperture of shear k, halves that are moved by 1 in depth
-    and by c k aside part by 2 |c k - m|. The vector is linear over the plate, and so longest at one
-    of its corners. The c is `aside`: 1 with pivot `aperture`, 0 with pivot `camera`.
+    If the halves are displaced by 1 in depth and laterally by c k, the gap seen along a ray of
+    slope m through an aperture of shear k is 2 |c k - m|. The vector is linear over the plate, and
+    so longest at one of its corners. The c is `aside`: 1 with pivot `aperture`, 0 with pivot
+    `camera`.
     """
     corners = np.array([(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * display.size
     screen = display.frustum.screen
@@ -221,7 +222,7 @@ class Content:
 
     before: tuple[float, float] | None
     behind: tuple[float, float] | None
-    #: whether a surface runs through the plate
+    #: whether a surface intersects the plate
     through: bool
 
     @property
@@ -262,7 +263,7 @@ def surface_content(scene: Scene) -> Content:
 
 
 def require_before_viewer(scene: Scene, content: Content, viewer: Viewer) -> None:
-    """Raise an InputError if a plate shows something behind a viewer."""
+    """Raise an InputError if a plate shows surfaces behind a viewer."""
     if content.before is not None and content.before[1] >= viewer.distance:
         raise InputError(
             f"{scene.name} shows something {content.before[1]:.3g} {scene.units} before the "
@@ -283,15 +284,15 @@ def eyes_apart(viewer: Viewer, display: Display) -> float:
 def disparity_changes(
     height: Floats, viewer: Viewer, display: Display, settings: DoubleFrustum
 ) -> Floats:
-    """Return the change of disparity of points at some heights, arc seconds, negative for farther.
+    """Return the changes of disparity of points at some heights, arc seconds; negative: farther.
 
     The heights z are below the viewer's, scene units; 0.0 is in front of the plate, and -0.0 behind
-    it. The point P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m),
-    as `moved` has it: m in depth, c times the shear k = (middle - a)/ss aside, with the screen ss
-    behind the plate. The eye e at the height L sees it through that aperture a for which all three
-    lie on one line. With K = sigma c/ss and S = L + s + sigma m, the slope of this line falls with
-    e as -(1 + K)/(S + L K), and the true slope as -1/(L + s). Both are linear in e: the disparity
-    of two eyes is exact.
+    it. A point P = (x, s) at the depth s = -z behind the plate is replayed at P + sigma (c k, m),
+    with m and c of `replayed_shifts`, sigma the sign of s, the shear k = (middle - a)/ss, and the
+    screen ss behind the plate. The eye e at the height L sees the replayed point through the
+    aperture a on the line from e to this point. With K = sigma c/ss and S = L + s + sigma m, the
+    slope of this line falls with e as -(1 + K)/(S + L K), and the true slope as -1/(L + s). Both
+    are linear in e: the disparity of two eyes is exact.
     """
     s = -np.asarray(height, dtype=np.float64)
     # The sign of zero is the side of the plate.
@@ -324,8 +325,8 @@ def stereo_change_arcsec(
 def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> float:
     """Return the largest angle of the crack in a surface that runs through the plate, arc minutes.
 
-    Halves that are moved by m0 in depth and c0 k aside, with shear k, part by 2 m0 times
-    `gap_slope`.
+    If halves are displaced by m0 in depth and laterally by c0 k, with shear k, their gap is 2 m0
+    times `gap_slope`.
     """
     moved, aside = (
         float(shift[0]) for shift in replayed_shifts(np.zeros(1), display.frustum, settings)
@@ -339,7 +340,7 @@ def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> f
 
 
 def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, float]:
-    """Return the widths of the display's own blurs at a height by name, arc minutes."""
+    """Return the widths of the display's blurs at a height, by name, arc minutes."""
     distance = viewer.distance - height
     share = abs(height) / distance * ARCMIN_PER_RADIAN
     return {
@@ -352,9 +353,9 @@ def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, fl
 def resolved_crack(
     viewer: Viewer, display: Display, settings: DoubleFrustum
 ) -> tuple[str, float, float]:
-    """Return the mask of a crack, its largest unnoticed width, and its width, arc minutes.
+    """Return what hides a crack, the largest hidden width, and the crack's width, arc minutes.
 
-    Its edges lie as far from the plate as halves are moved: there pixels and diffraction blur.
+    Pixels and diffraction blur the edges of the crack at the height to which they are displaced.
     """
     edge = -float(replayed_shifts(np.zeros(1), display.frustum, settings)[0][0])
     blurs = {"acuity": viewer.acuity_arcmin, **blur_arcmin(edge, viewer, display)}
@@ -365,8 +366,8 @@ def resolved_crack(
 def resolved_separation(height: float, viewer: Viewer, display: Display) -> tuple[str, float]:
     """Return the name of the limit on depth resolution at a height, and the smallest difference.
 
-    Two eyes resolve surfaces whose disparities differ by more than stereo acuity, and by more
-    than the display's own blur at that height. The difference is in scene units.
+    Two eyes resolve surfaces whose disparities differ by more than stereo acuity, and by more than
+    the display's blur at that height. The difference is in scene units.
     """
     angles = {
         "stereo acuity": viewer.stereo_acuity_arcsec / 60,
