@@ -19,7 +19,7 @@ WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 advice = ""
 CONTINUES = "; the same command continues"
 
-#: time until the exception is raised again where it did not arrive
+#: time until the exception is raised again if a library swallowed it
 RETRY_S = 0.02
 
 _DEFAULTS: dict[signal.Signals, Any] = {
@@ -96,7 +96,7 @@ def _handle(number: int, _: object) -> None:
     global received
     if number in WORDS and received is None:
         received = signal.Signals(number)
-        # Later failures, in callbacks and in other threads, come of the end of the command.
+        # The end of the command causes later failures in callbacks and in other threads.
         sys.unraisablehook, threading.excepthook = lambda _: None, lambda _: None
     if received is not None:
         if signal.SIGALRM in _taken:

@@ -1,4 +1,4 @@
-"""Exact rays for any mesh: `mesh.ray = ExactIntersector(mesh)` gives trimesh certain answers.
+"""Exact rays for any mesh: `mesh.ray = ExactIntersector(mesh)` makes trimesh's answers certain.
 
 `ExactIntersector` has the interface of trimesh's own two classes. `first` also returns how certain
 each answer is, as an `xfrustum.scenes.Certainty`, and the triangles of ties; `locate_points`

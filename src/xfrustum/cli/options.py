@@ -44,7 +44,7 @@ LIMIT_EXCEEDED = 1
 #: `xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two.
 TRACERS = ("embree", "mitsuba")
 
-#: Value by which the program chooses: the sub-apertures that a scene needs, or the worst apertures.
+#: Word that lets the program choose the sub-apertures that a scene needs, or the worst apertures.
 AUTO = "auto"
 
 
@@ -225,7 +225,7 @@ def one_of(names: Iterable[S]) -> Read[S]:
 def number(
     text: str, kind: type[Any] = float, least: float = -math.inf, below: float = math.inf
 ) -> Any:
-    """Return a number of a range, without its upper end; ValueError of any other."""
+    """Return a number in a range without its upper end; ValueError for any other number."""
     value = kind(text)
     # NaN fails every comparison, and is refused here as well.
     if not least <= value < below:
@@ -417,7 +417,7 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
     """Return a request for file names, and the built-in scenes whose names begin like a word."""
-    # Click hands over both, and neither matters.
+    # Click passes both arguments; neither is used.
     del context, parameter
     # Completion must answer within a keystroke: only names are imported.
     from xfrustum.scenes.library import builtin
