@@ -99,7 +99,7 @@ def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> Non
     tile = PlateTile(
         plate=scene.plate, columns=range(column - 1, column + 2), rows=range(row, row + 2)
     )
-    every = 1 if np.prod(scene.frustum.resolution) < 100 else 97
+    every = 1 if np.prod(scene.frustum.resolution) < 100 else 211
     assert_equal_to_hogels(scene, tile, every)
 
 

@@ -6,12 +6,13 @@ from xfrustum.research import rays
 from xfrustum.research.rays import CONTESTANTS, museum, museum_table
 
 
-def test_exact_rays_are_right_at_every_exhibit() -> None:
+def test_exact_rays_are_right_at_every_exhibit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rays, "RAYS", 40)
     verdicts = museum()
     assert len(verdicts) == 6
     assert all(verdict.wrong["ExactIntersector"] == 0 for verdict in verdicts)
     wrong = [verdict.wrong["Embree by trimesh"] for verdict in verdicts]
-    assert wrong.count(0) >= 1 and max(wrong) == 160
+    assert wrong.count(0) >= 1 and max(wrong) == 40
 
 
 def test_the_table_has_a_row_for_each_exhibit(monkeypatch: pytest.MonkeyPatch) -> None:
