@@ -69,10 +69,12 @@ for name in ("asymmetric", "hard/edge-through-aperture"):
         position=np.full((64, 3), -1.0), triangle=np.zeros(64, np.int32),
         tolerance=np.full(64, 1e-6)
     )
+    pairs = occlusion._Pairs(
+        point=np.arange(64), triangle=np.zeros(64, np.int32), sure=np.zeros(64, bool)
+    )
+    reference._occlusion._off_planes(points, pairs)
     with backend.recording():
-        lines = occlusion._sorted_lines(pencil, points)
-        for some in occlusion._rows_of_cells(reference._triangles, pencil):
-            reference._occlusion._classify_pairs(pencil, some, lines, dr.zeros(backend.Bool, 64))
+        dr.eval(vars(occlusion._lines_to(reference._occlusion._mesh, pencil, points)))
 """
 
 STATEMENT = re.compile(r"^\s*(mul|add|sub|neg|mov)\.(?:f64|b64) (%\w+), (.*);", re.MULTILINE)
