@@ -1,4 +1,4 @@
-"""Samples of hogels: content, bounds, and equal meaning of beyond in all commands."""
+"""Samples of hogels: their content, bounds, and one definition of beyond in all commands."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from xfrustum.compare.sampling import (
 from xfrustum.scenes import Aperture, InputError, Plate
 from xfrustum.scenes.arrays import Mask
 
-SEEDS = 200  #: simulated surveys of each kind
+SEEDS = 200  #: number of simulated surveys of each kind
 
 FAILURES = 0.05 + 3.1 * math.sqrt(0.05 * 0.95 / SEEDS)
 """Share of them whose bounds may fail: a risk of 0.05 exceeds it in one test of 1000."""
@@ -71,14 +71,14 @@ def test_every_hogel_of_a_run_is_drawn_as_often_also_after_the_sample_has_grown(
     drawn = np.zeros(21)
     for seed in range(SEEDS):
         drawn[GrowingSample(hogels=21, first=3, seed=seed).places(1)] += 1
-    # Runs of 3 or 4 hogels after the first has been halved: each hogel 1/3 or 1/4 of the times.
+    # The first halving leaves runs of 3 or 4 hogels: a hogel is drawn with chance 1/3 or 1/4.
     ends = np.arange(7) * 21 // 6
     expected = np.repeat(SEEDS / np.diff(ends), np.diff(ends))
     assert np.abs(drawn - expected).max() < 5 * math.sqrt(SEEDS * 0.25)
 
 
 def beyond_of(count: int, *, scattered: bool) -> Mask:
-    """Return a plate of 1000 hogels of which some are beyond."""
+    """Return a mask of 1000 hogels with a number of hogels beyond the tolerance."""
     beyond = np.zeros(1000, dtype=bool)
     places = np.random.default_rng(1).permutation(1000) if scattered else np.arange(1000)
     beyond[places[:count]] = True
@@ -96,7 +96,7 @@ def test_the_bound_of_one_sample_holds_on_finite_plates(count: int, scattered: b
 
 
 def test_the_bound_for_draws_with_replacement_is_conservative_for_draws_without() -> None:
-    """Hypergeometric against binomial: how often a bound fails, computed and not simulated."""
+    """Compute how often the bound fails, with the hypergeometric and the binomial distribution."""
     bounds = np.array([share_at_most(count, 40) for count in range(41)])
     for beyond in range(1, 100):
         count = np.arange(min(beyond, 40) + 1)
@@ -123,8 +123,7 @@ def test_the_risks_of_all_looks_add_up_to_what_is_allowed() -> None:
 
 
 def test_a_clean_sample_is_as_large_as_it_must_be_and_no_larger() -> None:
-    # 299 clean hogels bound a share of 1 % where the plate is so large that its runs are as good as
-    # equal.
+    # 299 clean hogels bound a share of 1 % if the plate is so large that its runs are nearly equal.
     assert clean_sample(0.01, 10_000_000, 0.05) == 299
     for hogels in (100, 500, 4941):
         size = clean_sample(0.02, hogels, 0.05)
@@ -134,7 +133,7 @@ def test_a_clean_sample_is_as_large_as_it_must_be_and_no_larger() -> None:
 
 
 def test_fifty_nine_clean_hogels_bound_one_in_twenty_and_299_one_in_a_hundred() -> None:
-    """(1 - q)^59 < 0.05 from q = 0.0495 on: Clopper and Pearson's bound where nothing was found."""
+    """(1 - q)^59 < 0.05 for q > 0.0495: the Clopper-Pearson bound of a sample without errors."""
     assert share_at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
     assert share_at_most(0, 59) < 0.05 < share_at_most(0, 58)
     assert share_at_most(0, 299) < 0.01 < share_at_most(0, 298)
@@ -158,7 +157,7 @@ def test_a_sample_is_seeded_and_spread_and_leaves_out_what_it_must(
     assert len(set(drawn)) == len(drawn) == min(hogels, columns * rows - 1)
     assert whole.middle.index not in drawn
     if len(drawn) >= 4 * rows:
-        # One of each part of the plate: no row is left out.
+        # One hogel from each part of the plate: no row is missing.
         assert {row for _, row in drawn} == set(range(rows))
 
 
@@ -188,7 +187,7 @@ def spread(p99: float) -> Spread:
 
 
 def moved_by(p99: float | None, at_plate: int = 0) -> float:
-    """Return the percentile of a comparison with a spread, and with pixels in the plate."""
+    """Return a comparison's percentile of displacement, with pixels in the plate."""
     shown: Any = SimpleNamespace(
         displacement_px=None if p99 is None else spread(p99), at_plate=at_plate, judged=JUDGED
     )
@@ -200,15 +199,15 @@ def test_beyond_is_the_99th_percentile_or_one_percent_of_wrong_surfaces_or_undef
     assert is_beyond(0.501, 0.0, 0.5) and is_beyond(0.0, 0.0101, 0.5)
     for undefined in (None, float("nan"), float("inf")):
         assert is_beyond(undefined, 0.0, float("inf"))
-    # A hogel that shows nothing displaces nothing. Displacement is undefined where all that is
-    # shown lies in the plate, or more of the picture than the percentile leaves out.
+    # A hogel without surfaces has no displacement. Displacement is undefined if all surfaces lie in
+    # the plate, or more of the picture than the percentile leaves out.
     assert moved_by(None) == 0.0 and moved_by(0.1, 10) == 0.1
     assert moved_by(None, 1) == moved_by(0.1, 11) == math.inf
 
 
 @given(st.floats(0, 2), st.integers(0, 30), st.integers(0, 30))
-def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> None:
-    """Where everything is shown, `verify` limits the share of all judged pixels."""
+def test_all_commands_have_the_same_verdict(p99: float, at_plate: int, wrong: int) -> None:
+    """Every pixel shows a surface: `verify` limits the share of all judged pixels."""
     moved, share = moved_by(p99, at_plate), wrong / JUDGED
     beyond = is_beyond(moved, share, 0.5)
     hogel = HogelResult(

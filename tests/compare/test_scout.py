@@ -1,4 +1,4 @@
-"""The scout finds apertures that decide the error of a plate; a sample bounds the rest."""
+"""The scout selects the apertures with the plate's largest errors; a sample bounds the rest."""
 
 import math
 from dataclasses import replace
@@ -21,14 +21,14 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Material
 
-RADIUS, GAP = 3.0, 0.25  #: radius of a ball, and its distance behind the plate
+RADIUS, GAP = 3.0, 0.25  #: radius of a ball, and distance of its surface behind the plate
 
-OVER = (31, 7)  #: column and row of the aperture that lies right over the ball
+OVER = (31, 7)  #: column and row of the aperture right over the ball
 
 
 @pytest.fixture(scope="module")
 def ball_behind_a_plate() -> Scene:
-    """A small ball close behind one place of a plate of 40 x 30 hogels."""
+    """Return a small ball closely behind one place of a plate of 40 x 30 hogels."""
     plate = Plate(size=(40.0, 30.0), hogels=(40, 30))
     over = plate.aperture(*OVER)
     part = ball((over.x, over.y, -GAP - RADIUS), RADIUS, "paint")
@@ -46,7 +46,7 @@ def scouted(ball_behind_a_plate: Scene) -> PlateScan:
 def test_the_worst_aperture_lies_over_the_surface_nearest_to_the_plate(
     scouted: PlateScan, ball_behind_a_plate: Scene
 ) -> None:
-    """A third of the hogels is looked through, corners and middle always; small plates whole."""
+    """The scan covers a third of the hogels, with corners and middle, or a whole small plate."""
     worst = scouted.worst(1)[0]
     assert max(abs(worst.aperture.column - OVER[0]), abs(worst.aperture.row - OVER[1])) <= 1
     assert GAP <= worst.nearest < 1.2 * GAP
@@ -60,7 +60,7 @@ def test_the_worst_aperture_lies_over_the_surface_nearest_to_the_plate(
 def test_what_is_smaller_than_the_lattice_is_found_by_its_vertices(
     ball_behind_a_plate: Scene,
 ) -> None:
-    """A ball smaller than a hogel, at places between the places of a lattice."""
+    """The ball is smaller than a hogel and lies between the points of the lattice."""
     plate = replace(ball_behind_a_plate.plate, hogels=(60, 45))
     for column, row in ((30, 21), (31, 23), (32, 22)):
         over = plate.aperture(column, row)
@@ -83,7 +83,7 @@ def test_vertices_in_the_plate_count_last_and_those_out_of_reach_not(
 def test_displacement_is_scouted_to_a_factor_of_two_and_grows_with_small_nears(
     scouted: PlateScan,
 ) -> None:
-    """The closed form over the coarse film agrees with the same over the film in full."""
+    """The closed form agrees between coarse film and full film."""
     scene, settings = scouted.scene, DoubleFrustum(near=0.01)
     reference = Reference(scene)
     for look in scouted.worst(3, settings):
@@ -97,7 +97,7 @@ def test_displacement_is_scouted_to_a_factor_of_two_and_grows_with_small_nears(
         assert moved == pytest.approx(look.pixels_per_near * 1e-6, rel=1e-4)
 
 
-def test_what_is_seen_on_each_side_is_told_apart_and_nothing_seen_displaces_nothing(
+def test_sides_are_counted_apart_and_an_empty_film_has_no_displacement(
     scouted: PlateScan,
 ) -> None:
     far = scouted.farthest(Camera.C)
@@ -117,12 +117,11 @@ def test_no_more_apertures_are_looked_through_than_allowed(monkeypatch: pytest.M
 
 
 # Apertures of `auto`
-# -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def both_sides() -> PlateScan:
-    """All apertures of a small plate in the middle of the parts on both of its sides."""
+    """Return all apertures of a small plate, in the middle of a scene on both sides."""
     scene: Scene = view("asymmetric", (64, 48))
     return scout(replace(scene, plate=Plate(size=scene.plate.size, hogels=(6, 4))))
 

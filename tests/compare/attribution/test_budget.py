@@ -1,4 +1,4 @@
-"""The chain from truth to raster: every wrong pixel has one cause; links add up, of light too."""
+"""Error budget from truth to raster: each wrong pixel has one cause, and links add up."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ FILM = (192, 144)
 SMALL_FILM = (
     96,
     72,
-)  #: pixels: film of every setting on every scene, film of the quick test
+)  #: film of every setting on every scene, and of the quick test, pixels
 
 
 def options(reach: float) -> list[dict[str, object]]:
-    """Return one of each kind of setting beside the paper's own."""
+    """Return the paper's own settings and one example of each kind of option."""
     return [
         {},
         {"pivot": Pivot.CAMERA},
@@ -71,7 +71,7 @@ def budgets(
 
 
 def every_kind(name: str) -> list[DoubleFrustum]:
-    """Return every kind of option at every near, each with another depth buffer."""
+    """Return every kind of option at every near offset; depth buffers alternate."""
     reach = min(view(name, (8, 8)).frustum.reach)
     choices = product(NEARS, options(reach))
     return [
@@ -98,7 +98,7 @@ SCENES = (*builtin.names(), *SHARED_SCENES)
     ],
 )
 def test_nothing_is_left_unexplained_whatever_is_set(name: str, few: bool) -> None:
-    """All options, all depth buffers, n from 0.1 to 1e-8 of the reach; or five of these."""
+    """Vary all options and depth buffers, with n from 0.1 to 1e-8 of the reach."""
     kinds, first = every_kind(name), SCENES.index(name)
     assert len(kinds) == 24
     if few:
@@ -111,7 +111,7 @@ def test_nothing_is_left_unexplained_whatever_is_set(name: str, few: bool) -> No
 
 
 def assert_adds_up(part: RadianceBudget) -> None:
-    """Each difference is rounded once, to 2^-53 of itself; so are total and partial sums."""
+    """Check sums: each difference and each (partial) sum is rounded once, to 2^-53 of itself."""
     size = np.abs(part.steps).sum(axis=0) + np.abs(part.total)
     off = np.abs(part.steps.sum(axis=0) - part.total)
     assert (off <= 2.0**-53 * 2 * len(part.steps) * size).all()
@@ -121,7 +121,7 @@ def assert_adds_up(part: RadianceBudget) -> None:
 def test_pixels_are_charged_to_their_last_change_and_surfaces_to_the_first_wrong_link(
     near_per_reach: float,
 ) -> None:
-    """Nears at which D16 swaps few surfaces, and loses all of them."""
+    """D16 swaps few surfaces at the larger near offset, and loses all at the smaller one."""
     settings = DoubleFrustum(near=near_per_reach * 150, depth=DepthFormat.D16)
     [(chain, budget)] = budgets("car", [settings], SMALL_FILM)
     numbers = np.stack([image.triangle for image in chain.images])
@@ -144,7 +144,7 @@ def test_pixels_are_charged_to_their_last_change_and_surfaces_to_the_first_wrong
     "name", thinned(["asymmetric", "asymmetric-recentered", "car-recentered"], 3, 1)
 )
 def test_each_traced_link_is_as_predicted(name: str) -> None:
-    """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, in this order."""
+    """Displacement and wrong surfaces of each link: near offset, pivot and fit, slabs."""
     reach = view(name, (8, 8)).frustum.longest_reach
     settings = reversed_d32f(1e-3 * reach)
     settings = replace(settings, slabs=(0.3 * reach,), pivot=Pivot.CAMERA, fit=Fit.ANGLE)
@@ -152,9 +152,9 @@ def test_each_traced_link_is_as_predicted(name: str) -> None:
     links = asdict(budget.numbers)["links"]
     for link in links[:4]:
         predicted, measured = link["predicted_displacement_rms_px"], link["displacement_rms_px"]
-        # The closed form is of first order in n / |z|, and averages over the truth's pixels.
+        # The closed form is of first order in n / |z|, averaged over the true image's pixels.
         assert measured == pytest.approx(predicted, rel=0.1, abs=1e-9)
-        # A factor of two, and the chance with which a few pixels vary.
+        # Predictions hold to a factor of two; small counts also vary by chance.
         low, high = link["predicted_surface"] / 2, link["predicted_surface"] * 2
         assert low - 3 * low**0.5 - 1 <= link["surface"] <= high + 3 * high**0.5 + 1
     assert sum(link["surface"] for link in links[:4]) > 20
@@ -212,12 +212,12 @@ def test_the_links_add_up_from_the_truth_to_the_8_bit_picture(name: str) -> None
     assert_adds_up(budget)
     drawn, truth = chain.images[-1].color, chain.images[0].color
     output = decoded(np.rint(255 * encoded(drawn)) / 255)
-    # The truth's image stores in 32 bits the colors that were computed in double precision.
+    # The true image stores colors, computed in double precision, in 32 bits.
     np.testing.assert_allclose(budget.total, output - truth, rtol=0, atol=2.0**-24)
 
 
 def test_no_eye_vector_bends_on_matte_surfaces_or_outside_the_first_slab() -> None:
-    """Cameras of further slabs stand in the aperture: only float32 points differ from the truth."""
+    """The cameras of further slabs stand in the aperture, with only float32 errors."""
     budget, _ = budget_of(painted("asymmetric", MATTE), reversed_d32f(2.0))
     assert not step_of(budget, EYE_VECTOR)[budget.same].any()
     settings = replace(reversed_d32f(2.0), slabs=(10.0,))
@@ -228,7 +228,7 @@ def test_no_eye_vector_bends_on_matte_surfaces_or_outside_the_first_slab() -> No
 
 
 def test_the_bend_is_counted_once() -> None:
-    """True shading plus the bend equals the model's color: the pixel's line, other points."""
+    """True color plus bend equals the model's color, with the same line but other points."""
     scene = painted("asymmetric", SHINY)
     budget, chain = budget_of(scene, reversed_d32f(2.0))
     truth, model = chain.images[0].color, chain.images[4].color
@@ -238,7 +238,7 @@ def test_the_bend_is_counted_once() -> None:
 
 
 def test_averages_are_taken_apart_like_single_samples() -> None:
-    """Each link is the mean over the samples; averaging on the device adds rounding alone."""
+    """Each link is the mean over the samples; averaging on the device adds only rounding."""
     scene = replace(
         painted("asymmetric", SHINY, (40, 30)), sampling=Sampling(supersample=2, aperture=3)
     )
@@ -251,7 +251,7 @@ def test_averages_are_taken_apart_like_single_samples() -> None:
 
 @pytest.mark.parametrize("near", [1.0, 1e-6], ids=["bent", "starved"])
 def test_sizes_are_those_of_pixels_at_which_every_image_shows_a_surface(near: float) -> None:
-    """The depth buffer of the one loses surfaces, so that other pixels count than in R0."""
+    """In `starved`, the depth buffer loses surfaces, so that fewer pixels count than in R0."""
     scene = view("asymmetric-recentered", (64, 48))
     reference, settings = Reference(scene), DoubleFrustum(near=near, depth=DepthFormat.D16)
     with Rasterizer(scene) as rasterizer:

@@ -1,4 +1,4 @@
-"""Raster against exact traces of its cameras: almost equal, and every difference has a reason."""
+"""Drawn images and exact traces of their cameras nearly agree; every difference is explained."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(
     assert counts["unexplained"] == 0
     assert counts["order"] > 100
     assert counts["lost"] > 10
-    # A lost surface shows the background, or the surface behind it.
+    # Instead of a lost surface, the background or the surface behind it appears.
     assert (model.covered & ~drawn.covered & explanation.masks["lost"]).any()
 
 
 class Case:
-    """A scene, the exact image of its cameras, and the drawn image."""
+    """A scene, the exact image of the offset cameras, and the drawn image."""
 
     def __init__(self, name: str, near: float) -> None:
         self.scene = view(name, RESOLUTION)
@@ -85,7 +85,7 @@ class Case:
     def assert_unexplained(self, drawn: HogelImage) -> None:
         wrong = self.differences(drawn).sum()
         assert wrong > 500
-        # Neither a device's model nor the model of unknown devices may excuse it.
+        # Neither the model of a device nor the model of unknown devices may explain these pixels.
         for device in (self.device, H100, safe_model(8)):
             unexplained = explain(self.scene, self.model, drawn, device).counts()["unexplained"]
             assert unexplained >= STAYS_UNEXPLAINED * wrong, device.name
@@ -100,7 +100,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 class TestNegativeControls:
-    """A bound that explains everything explains nothing: defects must stay unexplained."""
+    """A bound that explains everything is worthless: defects must stay unexplained."""
 
     @pytest.mark.parametrize("axis", [0, 1])
     def test_an_image_shifted_by_one_pixel(self, case: Case, axis: int) -> None:
@@ -109,13 +109,14 @@ class TestNegativeControls:
     def test_with_four_subpixel_bits_all_but_what_lies_beside_edges_by_chance(
         self, case: Case
     ) -> None:
-        """No bound can have the share of 0.9 with 4 bits: edges may lie 2^-4.5 px aside.
+        """With 4 subpixel bits a share of 0.9 is out of reach: edges may move by 2^-4.5 px.
 
-        A picture shifted by a pixel is wrong where an edge lies less than that from the center,
-        along the shift. With a normal n the edge is nearer than d = 2^-4.5 px, 0.044, to d / |n| of
-        these centers: 7 %, pi / 2 d, over all directions. Centers beside other edges come to that,
-        the more the smaller triangles are. The number of wrong pixels follows from a picture in
-        which every pixel shows a triangle that no scene has.
+        A picture shifted by a pixel is wrong where an edge passes within a pixel of the center,
+        along the shift. Let n be the component of the edge's unit normal along the shift. The edge
+        is nearer than d = 2^-4.5 px = 0.044 px to a share d / |n| of these centers: pi / 2 d = 7 %,
+        averaged over all directions. Some other centers lie beside other edges, more of them for
+        smaller triangles. The test measures the whole share with a picture in which every pixel
+        shows a triangle that does not exist.
         """
         shifted = pictured(case.drawn, lambda a: np.roll(a, 1, 0))
         wrong, device = case.differences(shifted), safe_model(4)
@@ -128,7 +129,7 @@ class TestNegativeControls:
 
     @pytest.mark.parametrize("neighbors", [False, True], ids=["apart", "neighbors"])
     def test_two_triangles_swapped(self, case: Case, neighbors: bool) -> None:
-        """Neighbors are the harder case: their planes are nearly one, so their depths agree."""
+        """Neighbors are the harder case: their planes nearly coincide, so their depths agree."""
         pairs = swappable(case.scene, case.drawn, neighbors=neighbors)
         swapped = np.arange(len(case.scene.faces) + 1)
         swapped[-1] = NOTHING
@@ -144,7 +145,7 @@ class TestNegativeControls:
     ) -> None:
         def wrong(frustum: Frustum, *arguments: Any) -> Floats:
             matrix = np.array(clip_from_scene(frustum, *arguments))
-            # Wrong shears and offsets move the film by a hundredth at half the reach.
+            # Wrong shears and offsets displace points at half the reach by a hundredth of the film.
             size = 1.0 if column != 3 else frustum.longest_reach / 2
             matrix[row, column] += 0.01 * size * matrix[row, row]
             return matrix
@@ -160,7 +161,7 @@ class TestNegativeControls:
 def test_a_wrong_near_stays_unexplained_where_it_moves_edges_at_all(
     name: str, near: float, factor: float
 ) -> None:
-    """If near is so small that the mistake moves edges by less than rounding, it has no effect."""
+    """At a much smaller near offset, the defect would move edges by less than rounding."""
     case = Case(name, near)
     wrong = case.draw(replace(case.settings, near=factor * case.settings.near))
     case.assert_unexplained(replace(wrong, camera=case.drawn.camera))
@@ -185,7 +186,7 @@ def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple
 def test_a_picture_drawn_beside_its_camera_is_seen_as_misplaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Surface points alone would not show it: they are computed on the drawn triangle."""
+    """Surface points would not reveal the defect: they are computed on the drawn triangle."""
     scene = view("car", (256, 192))
     aperture, settings = scene.plate.middle, reversed_d32f(0.15)
     with Rasterizer(scene) as raster:
@@ -209,7 +210,7 @@ CULLED_LINKS = ["near offset", "pivot", "fit", "slabs", "culling", "rasterizatio
 
 
 def test_backs_of_open_meshes_are_charged_to_culling_and_counted_by_a_comparison() -> None:
-    """Culling loses precisely the pixels with a back; the offset is too small for more."""
+    """Culling loses exactly the pixels that show a back; the near offset is too small for more."""
     scene = view("large-triangles", (96, 72))
     settings = replace(reversed_d32f(1e-5 * scene.frustum.longest_reach), cull=Cull.BACK)
     budget, chain = budget_of(scene, scene.plate.middle, settings)
@@ -237,7 +238,7 @@ def test_backs_of_open_meshes_are_charged_to_culling_and_counted_by_a_comparison
 def test_rounding_explains_all_that_culled_cameras_draw_otherwise(
     depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Loose triangles in all directions, many nearly edge-on, around the plate."""
+    """Use loose triangles of all directions around the plate, many of them nearly edge-on."""
     rng = np.random.default_rng(1997)
     places, sides = rng.uniform(-10, 10, (400, 1, 3)), rng.normal(0, 3.0, (400, 3, 3))
     frustum = Frustum(resolution=(64, 48), reach=(12.0, 12.0), fov=(radians(70), radians(60)))

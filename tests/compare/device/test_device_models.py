@@ -1,4 +1,4 @@
-"""Frames of devices, recorded or drawn here, lie within the bounds of their own models alone."""
+"""Frames of a device, recorded or drawn here, lie within the bounds of its own model only."""
 
 from __future__ import annotations
 
@@ -61,37 +61,37 @@ def test_depths_varyings_and_filter_weights_lie_within_the_bounds_of_their_devic
 
 
 def test_a_card_is_out_of_the_bounds_of_a_device_that_rounds_less() -> None:
-    """It snaps vertices before it makes depth planes, and filters on a grid of 2^-8."""
+    """The card snaps vertices before it computes depth planes, and filters on a grid of 2^-8."""
     measured = measured_on("h100")
     for depth in (DepthFormat.D24, DepthFormat.D32F):
         assert 1 - share(measured.within(LLVMPIPE, depth)) > 0.15
-    # Half a step and no more is not how it stores D16.
+    # The card's D16 values are off by more than half a step.
     nearest = replace(H100, d16=(-0.5, 0.5))
     counts = [measured.within(model, DepthFormat.D16) for model in (H100, nearest)]
     assert counts[0].share_of_safe > counts[1].share_of_safe
     assert 1 - share(measured.varyings_within(LLVMPIPE)) > 0.1
-    # The places are odd multiples of 2^-13: none is a multiple of 2^-8.
+    # The sampled places are odd multiples of 2^-13, hence never multiples of 2^-8.
     assert measured.filtered_within(LLVMPIPE).within == 0
 
 
-def test_coverage_tells_how_corners_are_rounded_and_ties_are_broken(
+def test_coverage_reveals_rounding_of_corners_and_tie_rules(
     recorded: tuple[Measured, DeviceModel],
 ) -> None:
-    """The recorded triangles have ties on the left and right alone."""
+    """The recorded triangles have ties only at their left and right edges."""
     measured, known = recorded
     assert measured.viewport[NEAREST_EVEN] == 0
     assert measured.ties == {"left and bottom": 0, "left and top": 0}
-    # llvmpipe cuts at the window's border, 32 pixels from its middle, and the card does not up to
-    # 40.
+    # llvmpipe clips at the window's border, 32 pixels from its middle; the card, not within 40
+    # pixels.
     cut = measured.cut_from_px
     assert cut is None if known == H100 else cut is not None and 32 < cut < 33
 
 
-def test_the_device_at_hand_draws_as_its_model_says() -> None:
+def test_this_device_draws_as_its_model_predicts() -> None:
     with Rasterizer(open_scene("car")) as rasterizer, rasterizer._context:
         measured = Measured(draw_fingerprint(rasterizer._context, rasterizer.device))
-    # Sides half a subpixel beside centers separate half to even from half up; random triangles do
-    # not.
+    # Edges half a subpixel from centers separate half-to-even from half-up rounding; random
+    # triangles do not.
     assert [name for name, count in measured.viewport.items() if not count] == [NEAREST_EVEN]
     assert list(measured.ties.values()) == [0]
     for depth in DepthFormat:
@@ -103,7 +103,7 @@ def test_the_device_at_hand_draws_as_its_model_says() -> None:
 def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tolerance(
     *, snaps: bool
 ) -> None:
-    """Corners are moved at random by up to what float32 and, if it does, snapping move them."""
+    """Corners move at random within the bounds of float32 and, with `snaps`, of snapping."""
     rng = np.random.default_rng(7)
     model = replace(LLVMPIPE, snaps_depth=snaps)
     for _ in range(60):
@@ -129,11 +129,11 @@ def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tole
         plane = np.linalg.solve(np.column_stack((places, np.ones(3))), moved[:, 3] / moved[:, 2])
         which = np.zeros(20, dtype=np.int64)
         off = np.abs(points @ plane - planes.exact(which, points))
-        # Points near the rim may lie outside of the triangle that moved: there planes go on.
+        # Points near the rim may lie outside the moved triangle; there its plane is extended.
         assert (off <= 1.02 * planes.tolerance(which, points, model)).all()
 
 
-def test_a_device_nobody_measured_has_the_widest_bounds() -> None:
+def test_an_unmeasured_device_has_the_widest_bounds() -> None:
     known = model_of({"renderer": "llvmpipe (LLVM 15.0.6, 256 bits)", "subpixel_bits": "8"})
     foreign = model_of({"renderer": "A card of tomorrow", "subpixel_bits": "6"})
     assert (known, foreign) == (LLVMPIPE, safe_model(6))

@@ -57,7 +57,7 @@ def test_nothing_in_any_of_the_294_frames_is_unexplained(h100: Recording) -> Non
 def test_a_model_without_snapped_depth_leaves_a_pixel_of_the_card_unexplained(
     h100: Recording,
 ) -> None:
-    """Few pixels differ between devices: a depth test mostly swaps triangles many steps apart."""
+    """Devices differ in few pixels: depth tests mostly swap triangles that are many steps apart."""
     frames = some(h100, "car|0.0001|d32f|reversed")
     assert replay(frames).unexplained == 0
     assert replay(frames, LLVMPIPE).unexplained > 0
@@ -77,10 +77,10 @@ def test_a_card_that_drew_one_pixel_beside_would_stay_unexplained(
 
 
 @pytest.mark.parametrize("depth", list(DepthFormat))
-def test_a_far_plane_that_clip_depth_hardly_knows_may_cut_before_half_the_reach(
+def test_a_far_plane_below_clip_precision_may_cut_before_half_the_reach(
     depth: DepthFormat,
 ) -> None:
-    """The triangle is 25,000 units long, the reach 150: where it is cut is nothing but rounding."""
+    """The triangle is 25,000 units long, the reach 150: only rounding decides the cut."""
     scene = view("large-triangles", (192, 144))
     settings = DoubleFrustum(near=1.5e-4, depth=depth)
     aperture = scene.plate.aperture(0, 0)
@@ -107,7 +107,7 @@ def test_files_that_are_no_recordings_are_refused(tmp_path: Path) -> None:
 
 
 def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]]:
-    """Return names of frames, and numbers of pixels wrong by depth alone: recorded, predicted."""
+    """Return frames with their numbers of pixels wrong by depth alone, recorded and predicted."""
     scene, counted = view(scene_name, (192, 144)), []
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
@@ -140,7 +140,7 @@ def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]
 def test_the_card_shows_the_predicted_share_wrongly(
     h100: Recording, name: str, frames: str
 ) -> None:
-    """Within a factor of two, but for few pixels, large-triangles and parallel sheets."""
+    """Allow a factor of two, except for few pixels, `large-triangles` and parallel sheets."""
     rows = shares(some(h100, frames), name)
     counted = [row for row in rows if row[2] >= MIN_PIXELS]
     assert len(counted) >= 3
@@ -159,7 +159,7 @@ LIGHT_ROUNDINGS = 16
 
 
 def test_colors_that_the_card_drew_are_those_of_the_definition() -> None:
-    """Its pictures have neither textures nor mirrors: filter and varyings have no effect."""
+    """The pictures have neither textures nor mirrors: filter and varyings have no effect."""
     path = RECORDED / "h100-colors.npz"
     if not path.exists():
         pytest.skip("needs ../shared/data/devices/h100-colors.npz, beside the checkout")
@@ -179,7 +179,7 @@ def test_colors_that_the_card_drew_are_those_of_the_definition() -> None:
             lit = sum(max(light.color) for light in scene.appearance.lights)
             slope = max(max(material.specular) * material.exponent for material in scene.materials)
             bound = 2.0**-24 * (COSINE_ROUNDINGS * slope * lit + LIGHT_ROUNDINGS * exact.max())
-            # A filter's weight is off by 2^-9, which is much more.
+            # A filter weight is off by up to 2^-9, which is a much larger error.
             assert bound < H100.filter_rounding / 20
             assert np.abs(colors[name][same] - exact).max() <= bound, name
             assert np.abs(image.color[same] - exact).max() <= bound, name

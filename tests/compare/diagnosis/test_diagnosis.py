@@ -1,7 +1,7 @@
-"""Defects put in on purpose are named, with the right size, and nothing else is.
+"""Diagnoses name exactly the defects that a test puts in, with their sizes.
 
-`Faulty` draws by the project's rasterizer; the table of wrong renderers (`test_wrong_renderers`)
-has all defects at several times the size.
+`Faulty` draws with the project's rasterizer. The renderers of `test_wrong_renderers` have all
+defects, several times larger.
 """
 
 from collections.abc import Sequence
@@ -71,7 +71,7 @@ DEFECTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
 }
 """Options of `Faulty`, and the defects that must be named, with their sizes, by case."""
 
-# Largest errors of sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near.
+# Largest errors of diagnosed sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near.
 EXACT = {"shift": 0.02, "fov": 5e-4, "pitch": 5e-4, "near": 0.02 * 1.5}
 
 PAIRS = (
@@ -100,7 +100,7 @@ def of_model(
     shown: Sequence[str] = ("triangle", "object"),
     apertures: Sequence[tuple[int, int]] | None = None,
 ) -> Verification:
-    """Verify the images of a model in some hogels of a scene, or in all."""
+    """Verify the images of a renderer model, in some hogels of a scene or in all."""
     reference = Reference(scene)
 
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
@@ -113,7 +113,7 @@ def of_model(
 def observed(
     scene: Scene, model: RendererModel, apertures: Sequence[tuple[int, int]] = FEW
 ) -> TestSet:
-    """Return the triangles that a model draws in some hogels."""
+    """Return the triangles that a renderer model draws in some hogels."""
     reference = Reference(scene)
     images = [trace_drawn(reference, model, scene.plate.aperture(*index)) for index in apertures]
     shown = [saying(image, "triangle", "object") for image in images]
@@ -138,7 +138,7 @@ def test_defects_are_named_with_their_sizes_alone_and_in_pairs(names: str) -> No
     cases, pair = names.split(), " " in names
     options = {name: value for case in cases for name, value in DEFECTS[case][0].items()}
     expected = {name: size for case in cases for name, size in DEFECTS[case][1].items()}
-    # Pivot and fit need an offset, which is stated.
+    # Pivot and fit have no effect without a near offset, which the test states.
     stated = options["near"] if {"pivot", "fit"} & set(cases) else None
     scene = small(size=SIZE) if pair else oblong()
     with Faulty(scene=scene, **options) as renderer:
@@ -172,7 +172,7 @@ def test_in_a_renderer_that_is_right_nothing_is_named(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_an_offset_that_is_stated_is_part_of_the_question() -> None:
+def test_a_stated_offset_is_no_defect() -> None:
     scene = small(size=SIZE)
     with Faulty(scene=scene, near=2.0) as renderer:
         stated, unstated, wrongly = (
@@ -221,7 +221,7 @@ def test_accepted_conventions_are_named_but_not_judged() -> None:
 def test_a_lens_normals_and_a_camera_are_named_from_few_small_hogels(
     model: RendererModel, shown: list[str], name: str
 ) -> None:
-    """Normals are smooth on all objects, or only on the first object if they are inverted."""
+    """All objects have smooth normals; for inverted normals, only the first object has."""
     first, *others = (scene := oblong()).objects
     if model.normals is not Normals.INVERTED:
         others = [with_smooth_normals(part) for part in others]
@@ -230,7 +230,7 @@ def test_a_lens_normals_and_a_camera_are_named_from_few_small_hogels(
     assert set(by_name(result)) == {name} and not result.passed
 
 
-# Images of a recentered frustum leave open moved screens, shifts, missing or reversed shears.
+# With a recentered frustum, some defects look alike: moved screens, shifts, and wrong shears.
 
 
 @pytest.mark.slow
@@ -238,7 +238,7 @@ def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> N
     scene = small("asymmetric-recentered", 32)
     assert scene.frustum.screen is not None
     per_px = scene.frustum.screen.size[0] / 32
-    # The first name is the likelier mistake: pixels are sampled within themselves.
+    # The first name is the likelier mistake: sampling points lie within their pixels.
     for shift, first, other in (
         (0.5, "shift-x", "screen-center-x"),
         (3.0, "screen-center-x", "shift-x"),
@@ -263,11 +263,11 @@ def test_one_hogel_or_one_side_of_the_plate_leaves_the_shear_open() -> None:
 
 @pytest.mark.slow
 def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() -> None:
-    """With both shears reversed, the corner hogel shows surfaces behind the plate alone."""
+    """With both shears reversed, the corner hogel shows only surfaces behind the plate."""
     (case,) = chosen(names=["L3-attic-0"])
     model = RendererModel(recentering=Recentering.BOTH_REVERSED)
     defects = diagnosed(case.open(), model, [(0, 0)])
-    # In one hogel a screen at another place shows the same.
+    # A single hogel looks the same with a moved screen.
     assert set(defects) <= {"shear-sign", "screen-center-x", "screen-center-y"}
     assert all("shear-sign" in (name, *of.alternatives) for name, of in defects.items())
 
@@ -303,11 +303,12 @@ def test_whatever_the_offset_its_interval_contains_it(
     assert set(off) <= set(np.flatnonzero(expected != nominal))
 
 
-# Findings explain wrong pixels, or are none; defects that show the same images name each other.
+# Findings explain wrong pixels, or there are no findings. Defects with equal images name each
+# other.
 
 
 @pytest.mark.slow
-def test_where_points_at_a_moved_object_and_nothing_is_named() -> None:
+def test_a_moved_object_has_most_wrong_pixels_and_no_named_defect() -> None:
     scene = small(size=SIZE)
     first, second, *others = scene.objects
     moved = replace(second, vertices=second.vertices + np.array([0.0, -6.0, 4.0]))
@@ -355,7 +356,7 @@ def test_a_missing_object_and_hogels_with_others_images_are_named(
 
 @pytest.mark.slow
 def test_a_candidate_that_explains_too_little_is_no_finding() -> None:
-    """An offset widens the picture most near the plate, a field of view everywhere."""
+    """A near offset widens the picture most near the plate; a wrong field of view, everywhere."""
     scene = small("asymmetric", SIZE)
     with Faulty(scene=scene, near=8.0, fov=(1.1, 0.95), shown="color") as renderer:
         result = xfrustum.verify(scene, renderer, apertures=SOME)
@@ -371,7 +372,7 @@ def test_a_candidate_that_explains_too_little_is_no_finding() -> None:
 
 
 def flat() -> Scene:
-    """Three triangles beside one another, 30 mm behind the plate."""
+    """Return a scene of three triangles side by side, 30 mm behind the plate."""
     corners = (
         *((-24, -9), (-4, -13), (-12, 12), (3, -12), (22, -8)),
         *((5, -1), (-3, 4), (25, 6), (8, 16)),
@@ -382,7 +383,7 @@ def flat() -> Scene:
 
 
 def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures() -> None:
-    """The offset is a sixth of the depth."""
+    """The near offset is a sixth of the depth."""
     with Faulty(scene=flat(), near=5.0, shown="color") as renderer:
         result = xfrustum.verify(flat(), renderer, apertures=[(2, 2), (1, 2), (3, 1), (2, 3)])
     assert set(by_name(result)) == {"fov-x", "fov-y"}
@@ -448,7 +449,7 @@ def test_options_without_a_meaning_are_refused(options: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 def test_wrong_hogels_outside_the_sample_are_listed_to_be_diagnosed() -> None:
-    """Two hogels of 63 are exchanged, none of the 25 diagnosed ones."""
+    """Two hogels of 63 are exchanged; neither is among the 25 diagnosed hogels."""
     scene = oblong()
     scene = replace(scene, plate=replace(scene.plate, hogels=(9, 7)))
     reference, exchanged = Reference(scene), {(3, 2): (7, 5), (7, 5): (3, 2)}
@@ -487,9 +488,9 @@ def test_without_a_finding_the_places_of_errors_are_counted(tmp_path: Path) -> N
     assert "by column of hogels: 2 " in render_page(result)
 
 
-# A recentered frustum whose screen lies beside the plate.
+# Recentered frustum with its screen off to the side of the plate
 
-CENTER_X = -26.0  #: of the screen, mm
+CENTER_X = -26.0  #: x of the screen's center, mm
 
 
 def torus_and_sphere(
@@ -509,7 +510,7 @@ def torus_and_sphere(
 
 
 def stored(reference: Reference, model: RendererModel) -> list[HogelImage]:
-    """Return pictures of triangle numbers of all hogels, as a renderer draws them."""
+    """Return triangle numbers of all hogels as a renderer draws them."""
     result: list[HogelImage] = []
     for aperture in reference.scene.plate.apertures():
         shown = saying(trace_drawn(reference, model, aperture), "triangle")
@@ -521,7 +522,7 @@ def stored(reference: Reference, model: RendererModel) -> list[HogelImage]:
 
 
 def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
-    """A single hogel is all there is: a shear of the other sign would show the same."""
+    """Diagnose all hogels: in a single hogel, a shear of the opposite sign looks the same."""
     reference = torus_and_sphere(tmp_path, (1, 1), (80, 48))
     images = stored(reference, RendererModel(screen_center=(-2 * CENTER_X, 0.0)))
     test = TestSet(reference=reference, images=images, nominal=NOMINAL)
@@ -533,7 +534,7 @@ def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
-    """Images of apertures whose columns are shuffled, which no camera explains."""
+    """Shuffle the columns of apertures, so that no camera explains the images."""
     reference = torus_and_sphere(tmp_path, (5, 3), (80, 1))
     images = stored(reference, NOMINAL)
     cameras = [image.camera for image in images]

@@ -1,7 +1,7 @@
-"""No false pass and no false cause of `verify` for renderers with common mistakes.
+"""`verify` passes no renderer with a common mistake, and names no false cause.
 
-The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong
-they are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table.
+The renderers of `tests/wrong_renderers` share only CONVENTIONS.md with this project. Wrong pixels
+are counted by brute force, without results of `verify`. `-s` prints the table.
 """
 
 import json
@@ -58,7 +58,7 @@ ALL = [
 def studio(
     tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
 ) -> Iterator[Studio]:
-    """Draw and verify everything once; at the end print the table where output is not captured."""
+    """Draw and verify each case once; with pytest's option `-s`, print the table at the end."""
     studio = Studio(folder=tmp_path_factory.mktemp("wrong_renderers"))
     yield studio
     if request.config.getoption("capture") == "no":
@@ -82,7 +82,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     for finding in outcome.findings:
         assert finding.explains is not None, f"{finding.name} does not say what it explains"
         assert finding.explains >= MUST_EXPLAIN, f"{finding.name} is printed as a reason"
-    # Lost numbers are restored from the truth where the damage explains the stored ones.
+    # Lost numbers are restored from the truth if one damage explains the stored numbers.
     if outcome.findings and outcome.whole:
         left = outcome.residual
         assert left <= (1 - MUST_EXPLAIN) * outcome.wrong, (
@@ -96,15 +96,16 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert not outcome.wrong_sizes, [finding.words for finding in outcome.findings]
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
     seldom = case.encoding != "triangle-id"
-    # A true cause that mends too little, as where numbers are mixed, becomes a guess.
+    # A true cause that corrects too few pixels is listed as a guess, for example if numbers are
+    # mixed.
     guessed = all(
         matches(outcome.rejected, cause) for cause in TOYS[case.toy].causes(case.encoding)
     )
     admitted = outcome.admits and (seldom or guessed or "does-not-explain" in expected)
     assert case.toy in NOT_YET_NAMED or outcome.all_named or admitted, f"said: {names}"
     if (case.scene, case.toy) in TWINS:
-        # Two causes of the same pictures: a wrong one must not stand alone; numbers name one, or
-        # both.
+        # Two causes make the same pictures: a wrong cause must not be named alone. Numbers name one
+        # or both.
         assert outcome.findings or case.encoding != "triangle-id"
         assert not outcome.findings or any(finding.ambiguous for finding in outcome.findings), names
         both = all(outcome.named([name]) for name in TWINS[case.scene, case.toy])
@@ -123,7 +124,7 @@ def test_renderers_cover_all_encodings_and_exceptions_exist() -> None:
 
 @pytest.fixture
 def verify(studio: Studio, capsys: pytest.CaptureFixture[str]) -> Verify:
-    """Verify a case by the command line; return its exit status and its text."""
+    """Run `verify` on a case; return its exit status and its output."""
 
     def run(case: Case, *options: str) -> tuple[int, str]:
         pattern, _ = studio.pictures(case)
@@ -148,15 +149,15 @@ OF_OUTLINES = ("relit", "gamma", "rolled", "mirrored", "moved-y", "near", "no-fr
     "toy", ["right", *(pytest.param(toy, marks=pytest.mark.slow) for toy in OF_OUTLINES)]
 )
 def test_outlines_are_judged_apart_from_shading(verify: Verify, toy: str) -> None:
-    """Plain pictures of another shading are judged by their outlines, where selected."""
+    """Judge plain pictures with another shading by their outlines, where this is selected."""
     case = Case(scene="attic", toy=toy, encoding="rgb")
     status, text = verify(case, "--compare", "geometry")
     assert status == (toy not in ("relit", "gamma", "right")), text
 
 
 @pytest.mark.slow
-def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(verify: Verify) -> None:
-    """A missing half is as black: the verdict stays, and the text gives advice."""
+def test_unlit_surfaces_without_ambient_light_look_like_the_background(verify: Verify) -> None:
+    """An unlit half is as black as a missing one: the verdict stays, and the text gives advice."""
     case = Case(scene="attic", toy="headlight", encoding="rgb")
     status, text = verify(case, "--compare", "geometry")
     assert status == 1
@@ -168,7 +169,8 @@ def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(verify: 
     ("add", "nothing"),
     [
         (1, 0),
-        # From zero; minus one is nothing; plus two; out of range; nothing out of range.
+        # In order: numbers from 0; nothing as -1; numbers + 2; numbers out of range; nothing out of
+        # range.
         *(
             pytest.param(*numbers, marks=pytest.mark.slow)
             for numbers in ((0, 0), (0, 2**32 - 1), (2, 0), (100_000, 0), (1, 2**32 - 1))
@@ -176,7 +178,7 @@ def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(verify: 
     ],
 )
 def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, add: int, nothing: int) -> None:
-    """OpenEXR files store the numbers themselves: a triangle's + 1, and 0 where there is none."""
+    """OpenEXR files must store the triangle's number + 1, and 0 where there is no surface."""
     world = world_of("attic")
     for i, j in world.apertures:
         triangle = draw(world, i, j).triangle
@@ -187,7 +189,7 @@ def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, add: int, noth
     assert result.passed is ((add, nothing) == (1, 0))
 
 
-# Hogels of a public double-frustum renderer about which nothing is known in advance.
+# Hogels of a public double-frustum renderer with unknown conventions
 
 
 @pytest.mark.slow

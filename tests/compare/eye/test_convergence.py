@@ -1,4 +1,4 @@
-"""The replayed truth tends to the true view as pitch and angle of pixels shrink."""
+"""The replayed truth converges to the true view as pitch and pixel angle shrink."""
 
 import math
 from dataclasses import replace
@@ -14,8 +14,8 @@ from xfrustum.scenes.model.eye import Eye
 @pytest.mark.parametrize(
     ("name", "resolution", "halvings", "moved_order", "wrong_order"),
     [
-        # The sides of cells and pixels halve and bound displacements: order one, except for the
-        # random places at which the 7,000 rays meet cells. Wrong surfaces
+        # The sides of cells and pixels halve, and they bound displacements: convergence is of first
+        # order, apart from the random places at which the 7,000 rays meet cells. Wrong surfaces
         # fill strips along silhouettes, no wider than the displacement.
         ("asymmetric", (97, 71), 2, (0.8, 1.2), (0.6, 1.4)),
         *(

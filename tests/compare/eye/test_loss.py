@@ -1,4 +1,4 @@
-"""Losses of an eye by the display and by the renderer, on small plates."""
+"""Losses of an eye's view by the display and by the renderer, on small plates."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -43,7 +43,7 @@ def views_of(
     eyes: Sequence[Eye],
     color: ColorType = DEFAULT_COLOR,
 ) -> list[Views]:
-    """Return the three pictures of some eyes."""
+    """Return the three pictures of each eye."""
     scene = reference.scene
     takes = [reference.replay(eye) for eye in eyes]
     collectors = [
@@ -71,7 +71,7 @@ def asymmetric() -> tuple[EyeReference, list[Views]]:
 def test_a_renderer_shows_the_replayed_truth_of_the_moved_scene_but_for_edges(
     asymmetric: tuple[EyeReference, list[Views]],
 ) -> None:
-    """Rasterizers move edges by parts of a pixel; the near offset changes ten times as many."""
+    """Rasterizing changes few pixels, at edges; the near offset changes ten times as many."""
     reference, (views, _) = asymmetric
     moved = moved_scene(reference.scene, reversed_d32f(NEAR))
     seen = EyeReference(moved.scene).replayed(views.eye, shaded=False).triangle
@@ -94,7 +94,7 @@ def test_the_renderers_displacement_is_the_closed_form_of_the_near_offset(
         place[row, column] = aperture.x, aperture.y, 0.0
     expected = (place - point) * NEAR / (np.abs(point[..., 2:]) + NEAR)
     known = np.isfinite(point[..., 0])
-    # Points are exact to some 1e-13 of the scene's coordinates.
+    # Points are exact to about 1e-13 of the scene's coordinates.
     np.testing.assert_allclose((at - point)[known][:, :2], expected[known][:, :2], atol=1e-9)
 
 
@@ -109,9 +109,9 @@ def test_two_eyes_see_every_point_n_farther_from_the_plate(
     base = right.eye.position[0] - left.eye.position[0]
     distance = left.eye.position[2] - left.drawn.position[..., 2][known]
     shift = base / (base / distance + error[known]) - distance
-    # Points behind the plate are seen n too far, those before it n too near. Two eyes are shown
-    # points that are up to a pitch apart on a sloping surface, through hogels up to half a pitch
-    # beside their rays.
+    # Points behind the plate appear n too far away, and points before it n too near. On a sloping
+    # surface two eyes see points up to a pitch apart, through hogels up to half a pitch beside
+    # their rays.
     assert np.percentile(shift, (1, 99)) == pytest.approx([-NEAR, NEAR], abs=NEAR / 3)
 
 
@@ -131,8 +131,8 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
             assert whole.color is not None
             np.testing.assert_array_equal(views.drawn.triangle[here], whole.triangle[there])
             np.testing.assert_array_equal(views.drawn.color[here], whole.color[there])
-            # Points are single precision there, and sloping triangles double precision's planes
-            # here.
+            # There, points are single precision; here, points of sloping triangles are double
+            # precision.
             size = 150 * 4 * 2.0**-23
             np.testing.assert_allclose(views.drawn.position[here], whole.position[there], atol=size)
 
@@ -144,7 +144,7 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
 def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(
     name: str, published: tuple[float, ...]
 ) -> None:
-    """Percentages of docs/method.md: C against B, also of the moved scene; B against A of both."""
+    """The percentages of docs/method.md: C against B, B against A, with and without motion."""
     reference = EyeReference(view(name, (256, 256)))
     eye = replace(LEFT, position=(40.0, 20.0, 600.0), resolution=(320, 240))
     (views,) = views_of(reference, reversed_d32f(NEAR), [eye])

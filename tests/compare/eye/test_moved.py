@@ -1,4 +1,4 @@
-"""Theorem of docs/method.md: for a viewer, the near offset opens a gap at the plate."""
+"""Theorem of docs/method.md: the near offset shows the viewer a scene with a gap at the plate."""
 
 import math
 from dataclasses import replace
@@ -21,8 +21,8 @@ from xfrustum.scenes.arrays import Floats
 REACH = 12.0
 WIDTH = 64
 
-#: Largest difference of two film places that rounding may make, relative to the place: some twenty
-#: roundings of 1e-16, which differences of nearly equal lengths make at most 1e4 times as large
+#: Largest rounding difference of two film places, relative to the place: about twenty roundings of
+#: 1e-16, enlarged at most 1e4 times by differences of nearly equal lengths
 ROUNDING_PX = 1e-9
 
 CENTERED = Frustum(
@@ -38,7 +38,7 @@ IN_FRONT = replace(RECENTERED, screen=Screen(height=7.0, center=(0.0, 0.5), size
 LATERAL = st.floats(-6, 6)
 APERTURES = st.builds(at, LATERAL, LATERAL)
 DISTANCES = st.floats(0.01, REACH)
-#: 1 for points behind the plate, which C draws; -1 for those before it, which C* draws
+#: 1 for points behind the plate, drawn by C; -1 for points before it, drawn by C*
 SIDES = st.sampled_from([1, -1])
 
 SETTINGS = st.builds(
@@ -53,14 +53,14 @@ SETTINGS = st.builds(
 def drawn_places(
     point: Floats, frustum: Frustum, aperture: Aperture, how: DoubleFrustum
 ) -> tuple[Floats, Floats]:
-    """Return the film place of a point by the reference's lines and by the raster's matrices."""
+    """Return a point's film place from the reference's lines and from the raster's matrices."""
     height = float(point[0, 2])
     lines = [
         camera.bundle
         for camera in model_cameras(frustum, aperture, how)
         if camera.heights[0] <= height <= camera.heights[1]
     ]
-    # At a cut two slabs keep the point: the inner one is meant.
+    # Two slabs contain a point at a cut; take the inner slab.
     bundle = max(lines, key=lambda item: abs(item.center[2]))
     inner = next(
         camera
@@ -102,11 +102,11 @@ def test_a_point_is_drawn_where_its_moved_point_truly_belongs(
 def test_halves_move_by_n_along_the_shear_and_by_the_ordinary_projection_straight(
     frustum: Frustum, near: float, aperture: Aperture, where: tuple[float, float, float, int]
 ) -> None:
-    """Centered frusta have no shear: both halves move rigidly, and open a gap of 2 n."""
+    """Centered frusta have no shear: both halves move rigidly, 2 n apart."""
     x, y, distance, side = where
     point, shear = np.array([[x, y, -side * distance]]), film_window(frustum, aperture)[0]
     how = DoubleFrustum(near=near)
-    straight = replace(how, pivot="camera")  # type: ignore[arg-type]  # names are taken
+    straight = replace(how, pivot="camera")  # type: ignore[arg-type]  # fields by name
     for settings, direction in ((how, (*shear, -1.0)), (straight, (0.0, 0.0, -1.0))):
         moved = replayed_points(point, frustum, aperture, settings, side)
         expected = point + side * near * np.array([direction])
@@ -123,13 +123,13 @@ def test_only_the_first_slab_is_moved_and_no_seam_opens_where_the_fit_is_the_fir
     inside, outside = replayed_distance(np.array([first, first + beyond]), CENTERED, fitted)
     assert math.isclose(inside, first, rel_tol=1e-14)
     assert outside == first + beyond
-    # With the angle kept instead, the first slab ends n beyond the cut: a seam.
-    angle = replace(fitted, fit="angle")  # type: ignore[arg-type]  # names are taken
+    # If the angle is kept instead, the first slab ends n beyond the cut, with a seam.
+    angle = replace(fitted, fit="angle")  # type: ignore[arg-type]  # fields by name
     seam = replayed_distance(np.array(first), CENTERED, angle)
     assert seam == first + near
 
 
-#: Near offset, a twenty-fifth of the scenes' reach of 150: pictures are plainly bent
+#: Near offset, a twenty-fifth of the scenes' reach of 150, with clearly visible errors
 NEAR = 6.0
 
 
@@ -148,9 +148,9 @@ def test_the_cameras_draw_the_true_picture_of_the_moved_scene(
     drawn = Reference(scene).trace_model(aperture, drawn_by, shaded=False).triangle
     seen = Reference(moved.scene).trace(aperture).triangle
     truth = Reference(scene).trace(aperture).triangle
-    # The last number stands for no surface, which is -1.
+    # The last entry stands for no surface, -1.
     seen = np.append(moved.number, -1)[seen]
     assert (drawn != truth).mean() > 0.2
-    # Cuts and moves are rounded, by some 1e-16 of the reach: no line of these films comes so near
+    # Cuts and moves are rounded by about 1e-16 of the reach: no line of these films comes so near
     # to an edge.
     assert (drawn != seen).sum() == 0

@@ -1,4 +1,4 @@
-"""Closed forms of noticeable effects against points replayed aperture by aperture."""
+"""Closed forms of noticeable effects, compared with points replayed aperture by aperture."""
 
 import json
 import math
@@ -45,7 +45,8 @@ def slope_seen(
     side = 1 if point[2] <= 0 else -1
     x = 0.0
     for _ in range(200):
-        # Fixed point: the eye sees the replayed point through the aperture that replays it.
+        # Fixed-point iteration: the eye sees the replayed point through the aperture that replays
+        # it.
         aperture = Aperture(column=0, row=0, x=x, y=0.0)
         (moved,) = replayed_points(point[None], scene.frustum, aperture, settings, side)
         x = eye[0] + (moved[0] - eye[0]) * eye[1] / (eye[1] - moved[2])
@@ -98,7 +99,7 @@ def test_a_crack_is_what_rays_through_corners_see_between_the_halves(
         ends = []
         for side in (1, -1):
             (moved,) = replayed_points(point, scene.frustum, aperture, settings, side)
-            # Beside the ray from the eye through the corner, at the height of the moved end.
+            # The ray from the eye through the corner passes beside the moved end, at its height.
             ends.append(moved[:2] - np.array(corner) * (distance - moved[2]) / distance)
         widths.append(float(np.linalg.norm(ends[0] - ends[1])) / distance * ARCMIN_PER_RADIAN)
     result = crack_arcmin(Viewer(distance=distance), Display.from_scene(scene), settings)
@@ -118,7 +119,7 @@ def test_what_hides_a_crack_is_the_coarsest_of_eye_pitch_pixel_and_diffraction()
 
 
 @given(st.floats(-140.0, 140.0), st.floats(300.0, 3000.0))
-def test_depths_that_are_just_told_apart_differ_by_that_disparity(
+def test_just_distinguishable_depths_differ_by_the_stereo_acuity(
     height: float, distance: float
 ) -> None:
     display, viewer = Display.from_scene(SCENES["car"]), Viewer(distance=distance)
@@ -135,11 +136,11 @@ def test_surfaces_through_the_plate_are_those_within_its_border() -> None:
     assert through == [True, False]
 
 
-# Limits of a display at a distance, also by `check`.
+# Limits of a display at a viewing distance, and their table in `check`
 
 
 @given(st.floats(160, 5000))
-def test_at_the_ends_of_the_depth_of_field_pixels_look_as_large_as_what_can_be_told_apart(
+def test_at_the_ends_of_the_depth_of_field_pixels_span_the_visual_acuity(
     distance: float,
 ) -> None:
     result = display_limits(SCENES["car"], Viewer(distance=distance))

@@ -1,4 +1,4 @@
-"""Causes of wrong pixels, by hand on one triangle cut by the film's border."""
+"""Causes of wrong pixels, computed by hand for one triangle that the film's border cuts."""
 
 import math
 from dataclasses import replace
@@ -35,12 +35,12 @@ film.
 
 Pictures = tuple[Scene, RendererModel, HogelImage, HogelImage]
 
-SNAP_PX = math.sqrt(2) * ANY_DEVICE.half_step  # Largest distance by which a corner snaps
-CLEAR_PX = 0.5  # Distance from every edge at which rounding explains nothing, px: several subpixels
+SNAP_PX = math.sqrt(2) * ANY_DEVICE.half_step  # largest distance by which a corner snaps, px
+CLEAR_PX = 0.5  # distance from edges beyond which rounding explains nothing, px
 
 
 def scene_of_one_triangle() -> Scene:
-    """Return the triangle that C, a unit in front of the plate, shows at `PLACES`."""
+    """Return the triangle that C, one unit in front of the plate, draws at `PLACES`."""
     w = np.array([21.0, 31.0, 16.0])
     slopes = PLACES * 2 / SIZE - 1
     x, y = CENTER.x + w * slopes[:, 0], CENTER.y - w * slopes[:, 1]
@@ -48,7 +48,7 @@ def scene_of_one_triangle() -> Scene:
 
 
 def cut() -> tuple[Floats, Floats]:
-    """Return sides and diagonals of the part on the film, (4, 2, 2) and (2, 2, 2)."""
+    """Return sides (4, 2, 2) and diagonals (2, 2, 2) of the part inside the film."""
     a, b, c = PLACES
     on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
     polygon = np.array([a, b, on_bc, on_ca])
@@ -63,7 +63,7 @@ def causes(
     wrong: Mask,
     device: DeviceModel = ANY_DEVICE,
 ) -> dict[str, int]:
-    """Return how many wrong pixels have which cause."""
+    """Return the number of wrong pixels by cause."""
     cameras = foreign_cameras(scene, model, CENTER, device)
     return find_causes(scene.triangles, cameras, exact, lost, np.flatnonzero(wrong)).counts()
 
@@ -83,9 +83,7 @@ def pictures() -> Pictures:
 
 
 def distances(exact: HogelImage) -> tuple[Floats, Floats]:
-    """Return how far sampling points are from the nearest side, and from the nearest diagonal, (H,
-    W).
-    """
+    """Return distances (H, W) of pixel centers from the nearest side and the nearest diagonal."""
     column, row = np.meshgrid(np.arange(SIZE), np.arange(SIZE))
     points = np.stack((column + 0.5 + SHIFT[0], row + 0.5 + SHIFT[1]), axis=-1).reshape(-1, 2)
     side, diagonal = (distance_to_segments(points, lines).reshape(SIZE, SIZE) for lines in cut())
@@ -106,7 +104,7 @@ def test_only_holes_next_to_sides_and_clipped_diagonals_lie_on_an_edge(pictures:
     result = causes(scene, model, exact, lost, split | pair)
     assert result == {"edge": split.sum(), **nothing, "unexplained": pair.sum()}
     assert causes(scene, model, exact, lost, along)["edge"] == along.sum()
-    # A device with a finer grid has no excuse but next to the side.
+    # On a device with a finer grid, rounding explains only pixels next to the side.
     near = along & (side < math.sqrt(2) * LLVMPIPE.half_step)
     assert near.sum() < along.sum() / 2
     assert causes(scene, model, exact, lost, along, LLVMPIPE)["edge"] == near.sum()
@@ -115,8 +113,8 @@ def test_only_holes_next_to_sides_and_clipped_diagonals_lie_on_an_edge(pictures:
 def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
     reference = Reference(view("asymmetric", (96, 72)))
     truth = reference.trace(reference.scene.plate.middle)
-    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels,
-    # or not.
+    # Next to outlines each pixel shows its neighbor: within half a step on a grid of whole pixels,
+    # and outside on a finer grid.
     moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
     edges, left = [], []
     for device in (replace(LLVMPIPE, subpixel_bits=0), LLVMPIPE):
@@ -133,8 +131,8 @@ def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
 
 @pytest.mark.slow
 def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
-    """Cracks between triangles are edges; a missing surface has its outline alone."""
-    count = 2 * SIZE  # Four triangles along each pixel
+    """Cracks between triangles lie along edges; a missing surface has only its outline."""
+    count = 2 * SIZE  # four triangles along each side of a pixel
     cells = np.stack(np.meshgrid(np.arange(count), np.arange(count)), axis=-1).reshape(-1, 1, 1, 2)
     halves = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]])
     x, y = np.moveaxis((cells + halves).reshape(-1, 3, 2) * 20 / count - 10, -1, 0)
@@ -151,11 +149,10 @@ def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_camera_orders_nothing_that_lies_behind_it(side: float) -> None:
-    """Two sheets before the plate, and two behind it, a tenth of their height apart: both depths
-    are known.
+    """Place two sheets before the plate and two behind it, a tenth of their height apart.
 
-    The near half is C*'s, and the other C's: the camera of the other half, behind which they lie,
-    has depths of them, too, by its matrix alone.
+    C* draws the half before the plate, and C the half behind it. The matrix of the other camera
+    also yields depths for sheets behind that camera; they must not count.
     """
     square = np.array([[-90.0, -90.0], [90.0, -90.0], [0.0, 90.0]])
     sheets = [np.column_stack((square, np.full(3, side * height))) for height in (30.0, 33.0)]

@@ -1,4 +1,4 @@
-"""Many hogels drawn and judged at once: the numbers that each has alone, in order."""
+"""Judging of many hogels at once: the numbers of each hogel alone, in order."""
 
 import threading
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def judging_threads() -> list[str]:
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "grating"])
 def test_a_stream_has_the_numbers_of_each_hogel_judged_alone(name: str) -> None:
-    """Results are bit-identical for any concurrent work; `grating` has colors to compare."""
+    """Results are bit-identical with any number of threads; `grating` has colors to compare."""
     scene, shaded = replace(view(name, (32, 24)), sampling=Sampling()), name == "grating"
     apertures = [scene.plate.aperture(*index) for index in INDICES]
     with Evaluator(scene) as judge:
@@ -85,11 +85,11 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
             yield scene.plate.middle
 
     with Evaluator(scene) as judge:
-        # A stream that is closed ends its threads, and the judge goes on.
+        # Closing a stream ends its threads; the judge works again afterwards.
         if broken != "aperture":
             stream = judge.stream(apertures(), SETTINGS, causes=True)
             next(stream)
-            stream.close()  # type: ignore[attr-defined]  # it is a generator
+            stream.close()  # type: ignore[attr-defined]  # a generator
             assert not judging_threads()
         places = {"draw": (Rasterizer, "draw"), "trace": (Reference, "trace")}
         if broken != "aperture":

@@ -1,7 +1,6 @@
-"""Pictures of one mesh that fills the film, in another light: right ones do not fail, no wrong one
-passes.
+"""Relit pictures of a mesh that fills the film: no right one fails, and no wrong one passes.
 
-Such a film has no border of an object, but outlines of parts that stand before others.
+No object ends on this film, but parts of the mesh have outlines before other parts.
 """
 
 from dataclasses import replace
@@ -24,8 +23,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.tolerances import MAX_WRONG
 
 LONGEST_MM = 80.0  #: longest side of a mesh's bounding box
-PLATE_PER_MESH = 0.35  #: side of the plate over the mesh's: films are inside of the mesh's outline
-AMBIENT, DIFFUSE = 0.12, 0.8  #: of a light at the camera
+PLATE_PER_MESH = 0.35  #: side of the plate over the mesh's: the mesh fills the films
+AMBIENT, DIFFUSE = 0.12, 0.8  #: shading by a light at the camera
 
 ONE_FOR_ALL = "one picture for all"
 MODELS = {
@@ -39,7 +38,7 @@ MODELS = {
 
 
 def scene_of(folder: Path, mesh: Path, resolution: tuple[int, int]) -> Scene:
-    """Return a scene whose films a mesh fills, its middle in the plate."""
+    """Return a scene with a mesh, centered in the plate, that fills the films."""
     low, high = trimesh.load(mesh, force="mesh", process=False).bounds
     scale = float(LONGEST_MM / (high - low).max())
     width, height, depth = (scale * (high - low)).tolist()
@@ -53,7 +52,7 @@ def scene_of(folder: Path, mesh: Path, resolution: tuple[int, int]) -> Scene:
 
 
 def lit(reference: Reference, shown: HogelImage) -> HogelImage:
-    """Return a picture that names no surfaces, lit from the camera, each triangle in one shade."""
+    """Return a picture without surface numbers, lit from the camera, with flat triangles."""
     lines = true_lines(shown.camera).directions()
     lines /= np.linalg.norm(lines, axis=2, keepdims=True)
     normal = reference.scene.normals[shown.triangle]
@@ -67,7 +66,7 @@ def lit(reference: Reference, shown: HogelImage) -> HogelImage:
 
 
 def checked(scene: Scene, indices: list[tuple[int, int]]) -> dict[str, list[tuple[str, float]]]:
-    """Return verdict and wrong share of each renderer's hogels.
+    """Return verdict and share of wrong pixels for each renderer's hogels.
 
     Right pictures must not fail, and wrong ones must not pass.
     """
@@ -89,8 +88,8 @@ def checked(scene: Scene, indices: list[tuple[int, int]]) -> dict[str, list[tupl
     return result
 
 
-def test_parts_of_one_mesh_that_fill_the_film_are_told_from_wrong_ones(tmp_path: Path) -> None:
-    """A wall and slanted bars before it on both sides of the plate, all of them one mesh."""
+def test_wrong_pictures_of_one_mesh_that_fills_the_film_are_distinguished(tmp_path: Path) -> None:
+    """One mesh: a wall with slanted bars before it, on both sides of the plate."""
     wall = trimesh.creation.box((80.0, 80.0, 2.0))
     wall.apply_translation((0.0, 0.0, -30.0))
     parts = [wall]
@@ -127,7 +126,7 @@ def test_no_wrong_picture_of_a_mesh_that_fills_the_film_passes(
 
 @pytest.mark.slow
 def test_wrong_pictures_of_a_spider_that_fills_the_film_fail(shared_data: Path) -> None:
-    """Pictures of another program, in which 69 % of the surfaces are wrong."""
+    """Another program drew these pictures; 69 % of their surfaces are wrong."""
     folder = shared_data / "data" / "foreign" / "tried-4"
     scene, pattern = str(folder / "spider42.toml"), str(folder / "lit/h_{i}x{j}.png")
     options = {"encoding": "srgb", "compare": "geometry", "apertures": [(30, 15)]}

@@ -1,4 +1,4 @@
-"""No false pass: claims of nothing are wrong, figures name their counts, displacement is real."""
+"""No false pass: nonexistent surfaces fail, figures name their counts, displacement is real."""
 
 import json
 import re
@@ -57,7 +57,7 @@ def ids(image: HogelImage) -> Bytes:
 
 
 def headlight(image: HogelImage) -> Bytes:
-    """Gray by the angle between surface and line: a shading that the scene does not have."""
+    """Shade by the angle between surface and line; the scene has other lights."""
     assert image.normal is not None
     toward = np.nan_to_num(image.position) - (image.camera.aperture.x, image.camera.aperture.y, 0.0)
     toward /= np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-9)
@@ -67,7 +67,7 @@ def headlight(image: HogelImage) -> Bytes:
 
 @pytest.fixture
 def stored(tiny: World, tmp_path: Path) -> Callable[..., str]:
-    """A function that writes pictures of some hogels of `tiny`, and returns their pattern."""
+    """Return a function that writes pictures of some hogels and returns their path pattern."""
 
     def write(paint: Paint, settings: DoubleFrustum = RIGHT) -> str:
         for index in SOME:
@@ -139,7 +139,7 @@ def test_text_page_junit_and_json_give_the_figures_that_were_limited(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The worst hogel's wrong surfaces and displacement, each with its limit, stand four times."""
+    """Each output has the worst hogel's wrong surfaces and displacement, with their limits."""
     words = ["verify", str(tiny.scene_file), stored(ids, BENT), "--encoding", "triangle-id"]
     words += ["--apertures", ";".join(f"{i},{j}" for i, j in SOME), "--quiet"]
     words += ["--out", str(tmp_path / "out"), "--junit", str(tmp_path / "junit.xml")]
@@ -156,7 +156,7 @@ def test_text_page_junit_and_json_give_the_figures_that_were_limited(
         assert f"wrong surfaces {100 * surfaces:.3g} % (limit 1 %)" in output
         assert f"displacement {moved:.3g} px (limit 0.5 px)" in output
         assert f"wrong triangles {data['as_found']['wrong']:,}" in output
-        # No share of wrong pixels stands without its figure.
+        # Each share of wrong pixels is printed with its count.
         assert not re.search(r"\bwrong (pixels )?\(|are wrong", output)
     cases = ElementTree.parse(tmp_path / "junit.xml").getroot().findall("testcase")
     failed = [case.get("name") for case in cases if case.find("failure") is not None]
@@ -164,7 +164,7 @@ def test_text_page_junit_and_json_give_the_figures_that_were_limited(
 
 
 def test_geometry_passes_another_shading(centered: World) -> None:
-    """Wrong renderers fail in the table, one that rolls its pictures among them."""
+    """The table has wrong renderers that must fail; one of them rolls its pictures."""
 
     def renderer(_: Scene, aperture: Aperture) -> HogelImage:
         image = centered.raster(RIGHT, aperture.index)
@@ -202,13 +202,13 @@ def test_noise_has_no_outlines() -> None:
 
 @pytest.mark.parametrize("shift", [0, 1, 3])
 def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> None:
-    """A dim step six pixels beside a strong grid has most contrast on the grid, if right too."""
+    """Contrast peaks on a strong grid, six pixels beside the dim step, even if both are right."""
     gray = np.zeros((96, 96))
     gray[:, 44:] += 0.02
     gray[:, 50:] += 1.0
     gray[8:90:6, 54:92] = 0
     gray[:, 60:92:8] *= 0.5
-    # Contrast counts up to a cap, as in pictures.
+    # Contrast is capped, as in pictures.
     expected, moved = (
         tuple(np.minimum(steps, 0.2) for steps in steps_of(picture))
         for picture in (gray, np.roll(gray, shift, axis=1))
@@ -225,19 +225,19 @@ FILLED = np.ones((SIDE, SIDE), dtype=np.bool_)
 
 
 def left(columns: int = SIDE // 2) -> Mask:
-    """Return a mask of the left columns."""
+    """Return a mask of the columns at the left."""
     return np.broadcast_to(np.arange(SIDE) < columns, (SIDE, SIDE))
 
 
 def box_at(folder: Path, x: float) -> Scene:
-    """Return a box of 100 mm behind the plate, which fills the film at x = 0, its left at -50."""
+    """Return a box 100 mm behind the plate; at x = 0 it fills the film and begins at -50."""
     place = film((40.0, 40.0), (1, 1), (SIDE, SIDE), (60.0, 60.0), (50.0, 60.0))
     (folder / "scene.toml").write_text(named("box", "mm") + place + part("box", 100.0, (x, 0, -70)))
     return open_scene(folder / "scene.toml")
 
 
 def judged(scene: Scene, shown: Mask | None, color: Any = None, **options: Any) -> Verification:
-    """Verify a renderer that names the box in some pixels (H, W), or shows colors alone."""
+    """Verify a renderer that names the box in some pixels (H, W), or shows only colors."""
     nothing = np.full((SIDE, SIDE), NOTHING, dtype=np.int32)
     image = HogelImage(
         camera=Reference(scene).camera(scene.plate.middle),
@@ -250,7 +250,7 @@ def judged(scene: Scene, shown: Mask | None, color: Any = None, **options: Any) 
 
 
 def test_an_object_that_fills_the_film_is_neither_right_nor_wrong(tmp_path: Path) -> None:
-    """Whatever a renderer of this box does wrong, its pictures name the box everywhere."""
+    """A picture of this box names it in every pixel, whatever the renderer does wrong."""
     scene = box_at(tmp_path, 0.0)
     result = judged(scene, FILLED)
     numbers = result.hogels[0].as_found
@@ -305,7 +305,7 @@ PASS, FAIL, BLIND = (True, True), (True, False), (True, None)
     [
         (FAIL, PASS, True),
         (FAIL, FAIL, False),
-        (FAIL, BLIND, False),  # blinded by the correction, which proves nothing
+        (FAIL, BLIND, False),  # too few pixels remain after the correction, which proves nothing
         (BLIND, BLIND, True),
         (BLIND, PASS, True),
         (BLIND, FAIL, False),
@@ -335,7 +335,7 @@ def test_verify_counts_surfaces_from_outside_the_film_as_a_comparison_does(name:
     surface = judge(reference, RendererModel(), image, points).numbers.surface
     assert surface is not None and compared.outside.any()
     assert (surface.outside, surface.wrong) == (compared.outside.sum(), compared.wrong.sum())
-    # Offset cameras have films of their own: by their model nothing lies outside.
+    # Offset cameras have their own films: in their model nothing lies outside.
     numbers = judge(reference, RendererModel(near=8.0), image, points).numbers
     assert numbers.surface is not None and numbers.surface.outside == 0
     assert numbers.judged_fraction < MAX_WRONG

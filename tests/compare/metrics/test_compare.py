@@ -36,7 +36,7 @@ from xfrustum.scenes.arrays import Mask
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A truth, and a raster whose near offset of 1.5 moves points by some pixels."""
+    """A true image, and a raster image whose near offset of 1.5 moves points by a few pixels."""
 
     reference: Reference
     truth: HogelImage
@@ -133,7 +133,7 @@ def test_another_triangle_of_an_object_displaces_the_picture_and_is_no_wrong_sur
 
 
 def test_a_hidden_point_is_wrong_on_either_side_of_the_plate(case: Case) -> None:
-    """A far side drawn for the near one is wrong, though object and pixel agree."""
+    """The object's far side in place of its near side is wrong, though object and pixel agree."""
     scene, truth = case.reference.scene, case.truth
     for number, sign in ((2, 1), (3, -1)):
         where = truth.object == number
@@ -141,7 +141,7 @@ def test_a_hidden_point_is_wrong_on_either_side_of_the_plate(case: Case) -> None
         mask = some_pixel(where)
         (height,), (point,) = truth.height[mask], truth.position[mask]
         d = point / -height
-        # Where the pixel's line leaves the object again: the largest s on its triangles.
+        # Largest s at which the pixel's line meets the object's triangles: the far side.
         leaves = []
         for triangle in np.flatnonzero(scene.object_of_triangle == number):
             a, b, c = scene.triangles[triangle]
@@ -173,7 +173,7 @@ def test_points_in_the_plate_are_counted_and_not_displaced(case: Case) -> None:
     comparison = case.compared(changed(case.truth, where, position=[3.0, 2.0, 0.0]))
     assert comparison.at_plate == 1
     assert np.isnan(comparison.maps.displacement[where]).all()
-    # Only a surface in the aperture itself is seen in the plate.
+    # A pixel shows a surface at z = 0 only if the surface passes through the aperture itself.
     assert comparison.surface_wrong == 1
 
 
@@ -243,7 +243,7 @@ OTHERS = [("crossing", (31, 17)), ("large-triangles", (40, 30)), ("sheets", (40,
 
 
 def closed_form(image: HogelImage, near: float) -> np.ndarray:
-    """Return true minus drawn, (H, W, 2) columns and rows: +(W/2) u n/|z| and -(H/2) v n/|z|."""
+    """Return true minus drawn (H, W, 2): columns +(W/2) u n/|z|, rows -(H/2) v n/|z|."""
     height, width = image.triangle.shape
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height
@@ -257,7 +257,7 @@ def closed_form(image: HogelImage, near: float) -> np.ndarray:
 def test_displacement_measured_pixel_by_pixel_is_the_closed_form(
     name: str, index: tuple[int, int]
 ) -> None:
-    """Within the rounding of stored points, 16 times 2^-24 of a triangle's largest coordinate."""
+    """The tolerance is the rounding of stored points: 16 times 2^-24 of the largest coordinate."""
     assert POSITION_ROUNDINGS <= 16
     scene = view(name, (256, 192))
     aperture, reference = scene.plate.aperture(*index), Reference(scene)
@@ -270,7 +270,8 @@ def test_displacement_measured_pixel_by_pixel_is_the_closed_form(
             measured = compare_images(truth, drawn, reference).maps.displacement
             shown = (drawn.triangle != NOTHING) & (drawn.height != 0)
             assert (np.isfinite(measured) == shown[..., None]).all()
-            # The points are computed on the drawn triangles: these must have been drawn there.
+            # The points are computed on the drawn triangles: check that they were drawn at their
+            # pixels.
             assert not misplaced(scene, drawn, raster.model).any()
             with np.errstate(divide="ignore", invalid="ignore"):
                 off = np.abs(measured - closed_form(drawn, float(near)))[shown]
@@ -289,7 +290,7 @@ DEPTH = 40.0  #: distance of a wall from the plate, on either side
 
 @cache
 def wall(side: int) -> Scene:
-    """A wall parallel to the plate that is larger than every film; side -1 is behind the plate."""
+    """Return a wall parallel to the plate, larger than every film; side -1 is behind the plate."""
     angles = (math.radians(50), math.radians(40))
     frustum = Frustum(resolution=(WIDTH, HEIGHT), fov=angles, reach=(100.0, 100.0))
     scene = lit(card((3.0, -7.0, side * DEPTH), (200.0, 200.0)), frustum=frustum)
@@ -306,7 +307,7 @@ def compared_wall(side: int, settings: DoubleFrustum) -> Comparison:
 
 
 def beyond(factor: float) -> int:
-    """Return the number of pixels whose film coordinates are larger than a factor."""
+    """Return the number of pixels with film coordinates beyond a bound."""
     u = np.abs((2 * np.arange(WIDTH) + 1) / WIDTH - 1)
     v = np.abs(1 - (2 * np.arange(HEIGHT) + 1) / HEIGHT)
     return int((np.maximum(u, v[:, None]) > factor).sum())
@@ -317,12 +318,12 @@ def beyond(factor: float) -> int:
 def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(
     side: int, near: float
 ) -> None:
-    """Drawn at u_r is what belongs at u_r (|z| + n)/|z|: outside from |u_r| = |z|/(|z| + n) on."""
+    """u_r shows u_r (|z| + n)/|z|, which lies outside the film for |u_r| > |z|/(|z| + n)."""
     comparison = compared_wall(side, DoubleFrustum(near=near))
     assert (
         comparison.surface.outside == comparison.surface.wrong == beyond(DEPTH / (DEPTH + near)) > 0
     )
-    # Everywhere the right wall, and nothing in front of it.
+    # Every pixel shows the correct wall, with nothing in front of it.
     assert comparison.triangle is not None
     np.testing.assert_array_equal(comparison.maps.outside, comparison.maps.surface)
 
@@ -331,7 +332,7 @@ def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(
 def test_a_picture_displaced_by_less_than_half_a_pixel_shows_nothing_from_outside(
     side: int,
 ) -> None:
-    """The outermost center lies at 1 - 1/W: n/|z| below 1/(W - 1) leaves it inside."""
+    """The outermost center lies at 1 - 1/W: it stays inside the film if n/|z| < 1/(W - 1)."""
     largest = DEPTH / (WIDTH - 1)
     inside, outside = (
         compared_wall(side, DoubleFrustum(near=largest * factor)) for factor in (0.99, 1.01)

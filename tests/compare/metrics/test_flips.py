@@ -1,4 +1,4 @@
-"""Every flip is seen: the asymmetric scenes with one axis or one of the paper's flips wrong."""
+"""Detect every flip: one axis of an asymmetric scene, or one of the paper's flips, is wrong."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,21 +15,19 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, HogelImage
 
 NAMES = ("asymmetric", "asymmetric-recentered")
-RESOLUTION = (128, 128)  # a square, so that a transposed image still fits
+RESOLUTION = (128, 128)  # square, so that a transposed image still fits
 SETTINGS = reversed_d32f(1.5e-4)
 
 RIGHT_SURFACE = 2e-3
 """Largest share of wrong pixels in the right picture, from near-plane error and silhouettes."""
-SEEN = (
-    0.05  #: smallest share of pixels that a wrong axis makes wrong; about 0.3 of all show a surface
-)
+SEEN = 0.05  #: least share of pixels that a wrong axis changes; about 0.3 show a surface
 
 Picture = Callable[[NDArray[Any]], NDArray[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answers:
-    """A truth, the raster of both cameras, and of each camera alone."""
+    """A true image, the raster image of both cameras, and an image of each camera alone."""
 
     reference: Reference
     truth: HogelImage
@@ -63,7 +61,7 @@ CHANNELS = ("triangle", "object", "position", "normal", "color")
 
 
 def pictured(image: HogelImage, picture: Picture) -> HogelImage:
-    """Return the same pixels in other places."""
+    """Return the image with its pixels rearranged."""
     moved: dict[str, Any] = {
         name: picture(values) for name in CHANNELS if (values := getattr(image, name)) is not None
     }
@@ -71,7 +69,7 @@ def pictured(image: HogelImage, picture: Picture) -> HogelImage:
 
 
 def overlaid(below: HogelImage, above: HogelImage) -> HogelImage:
-    """Return the picture that results when one picture is laid over another."""
+    """Return the image of one picture laid over another."""
 
     def choose(name: str) -> NDArray[Any]:
         upper = getattr(above, name)
@@ -104,7 +102,7 @@ def test_the_right_picture_is_right_and_one_camera_alone_is_wrong(answers: Answe
 
 @pytest.mark.parametrize("axes", PLACES)
 def test_an_image_with_an_axis_mirrored_or_swapped_is_wrong(answers: Answers, axes: str) -> None:
-    """The whole image, drawn and traced; and one camera's, which C* has and C has not."""
+    """Rearrange the whole image, drawn and traced, and the image of one camera alone."""
     c, c_star = answers.c, answers.c_star
     wrong = [pictured(answers.drawn, PLACES[axes]), pictured(answers.truth, PLACES[axes])]
     if axes in FLIPS:
@@ -116,7 +114,7 @@ def test_an_image_with_an_axis_mirrored_or_swapped_is_wrong(answers: Answers, ax
 
 
 def test_c_over_c_star_is_wrong(answers: Answers) -> None:
-    """Pixels that show something on both sides of the plate show the wrong one."""
+    """Pixels with surfaces on both sides of the plate show the wrong surface."""
     both = answers.c.covered & answers.c_star.covered
     assert both.sum() > 100
     wrong = answers.surface(overlaid(answers.c_star, answers.c)) - answers.surface(answers.drawn)

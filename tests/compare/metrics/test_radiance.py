@@ -1,4 +1,4 @@
-"""The radiance error: numbers, FLIP and SSIM, sRGB, and the test against a noisy reference."""
+"""Radiance errors: differences, FLIP and SSIM, sRGB, and the test against a noisy reference."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ EVERYWHERE = np.ones(SHAPE[:2], dtype=np.bool_)
 
 
 def estimate(truth: Floats, sigma: float, seed: int) -> RadianceEstimate:
-    """Sample a picture with normal noise; return estimates from the samples alone."""
+    """Sample a picture with normal noise; return estimates computed from the samples."""
     drawn = np.random.default_rng(seed).normal(truth, sigma, (SAMPLES, *SHAPE))
     return RadianceEstimate(
         mean=drawn.mean(axis=0),
@@ -94,15 +94,15 @@ def estimate(truth: Floats, sigma: float, seed: int) -> RadianceEstimate:
 
 
 def judge(shift: float, sigma: float, seed: int) -> NoiseTest:
-    """Test a picture of which one pixel's green is off by so much."""
+    """Test a picture in which one pixel's green channel is off by `shift`."""
     truth = np.random.default_rng(seed + 10_000).random(SHAPE)
     picture = truth.copy()
     picture[4, 7, 1] += shift
     return compare_with_noise(picture, estimate(truth, sigma, seed), EVERYWHERE)
 
 
-def test_false_alarms_are_as_rare_as_the_level_says() -> None:
-    """A share of ALPHA of independent right pictures fails; p-values are uniform."""
+def test_false_alarms_occur_at_the_significance_level() -> None:
+    """A share ALPHA of independent right pictures fails; p-values are uniform."""
     runs = [judge(0.0, 0.1, seed) for seed in range(600)]
     alarms = sum(not run.numbers.agrees for run in runs)
     assert alarms <= stats.binom.ppf(1 - 1e-6, len(runs), ALPHA)
@@ -114,14 +114,14 @@ def test_false_alarms_are_as_rare_as_the_level_says() -> None:
 def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(
     shift_in_errors: float,
 ) -> None:
-    """The deviation of a shifted pixel follows the noncentral t."""
+    """The deviation of a shifted pixel follows the noncentral t distribution."""
     sigma, runs = 0.1, 300
     shift = shift_in_errors * sigma / np.sqrt(SAMPLES)
     count = sum(bool(judge(shift, sigma, seed).differs[4, 7]) for seed in range(runs))
     threshold = stats.t.isf(single_level(ALPHA, int(np.prod(SHAPE))) / 2, SAMPLES - 1)
     power = stats.nct.sf(threshold, SAMPLES - 1, shift_in_errors)
     low, high = stats.binom.interval(1 - 1e-6, runs, power)
-    # The two other channels of the pixel may raise an alarm too, rarely.
+    # The pixel's other two channels may also raise an alarm, though rarely.
     assert low <= count <= high + 2
 
 

@@ -1,4 +1,4 @@
-"""The planner: its plans hold when measured, nothing simpler does, and its outputs."""
+"""The planner: its plans pass when measured, no simpler settings do, and its outputs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from xfrustum.scenes.geometry.shapes import refine
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.device_model import safe_model
 
-SMALL = (96, 72)  #: pixels, where a scene's own resolution does not matter
+SMALL = (96, 72)  #: film for tests that do not need a scene's own resolution, pixels
 
 D16, D24 = (DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapping.STANDARD)
 FINE = (DepthFormat.D32F, DepthMapping.REVERSED)
@@ -64,7 +64,7 @@ def views_of(name: str, index: tuple[int, int] | None = None) -> Views:
 
 
 def planned(views: Views, requirement: Requirement, *buffers: DepthBuffer) -> DoubleFrustum:
-    """Return the cheapest settings with the largest near that are predicted to hold."""
+    """Return the cheapest settings predicted to pass, with their largest near offset."""
     outcome = Search(views, replace(requirement, choices=buffers)).best()
     assert outcome.best is not None and outcome.largest_near is not None
     return replace(outcome.best.settings, near=outcome.largest_near)
@@ -74,7 +74,7 @@ def holds(views: Views, settings: DoubleFrustum, requirement: Requirement) -> bo
     return requirement.met_by(measured(views, settings, requirement, smallest=False)[1])
 
 
-# The plan holds.
+# Plans meet their requirements.
 
 SCENES = [name for name in (*builtin.names(), *SHARED_SCENES) if name != "crossing"]
 
@@ -88,7 +88,7 @@ SCENES = [name for name in (*builtin.names(), *SHARED_SCENES) if name != "crossi
     ],
 )
 def test_a_plan_holds_when_it_is_measured(name: str, size: tuple[int, int] | None) -> None:
-    """At the scene's own resolution, for any depth buffer; recentered, at a corner too."""
+    """Plan at the scene's own resolution with any depth buffer; recentered, at a corner too."""
     scene = view(name, size)
     made = plan_apertures(scene, scene.default_apertures()[:2], Requirement())
     assert made.within, made
@@ -98,7 +98,7 @@ def test_a_plan_holds_when_it_is_measured(name: str, size: tuple[int, int] | Non
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in SCENES if name != "empty"])
 def test_a_plan_with_cuts_holds_when_it_is_measured(name: str) -> None:
-    """A depth buffer of 16 bits is too coarse for any of these without cuts."""
+    """Without cuts, a depth buffer of 16 bits is too coarse for all of these scenes."""
     scene = view(name)
     made = plan_apertures(scene, [scene.plate.middle], Requirement(choices=(D16,)))
     assert made.slabs and made.within, made
@@ -111,7 +111,7 @@ def test_a_plan_with_cuts_holds_when_it_is_measured(name: str) -> None:
 def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
     name: str, near: float
 ) -> None:
-    """A camera that has stepped back sees farther to the side, where |z| is less than n."""
+    """An offset camera images surfaces outside the film where |z| is less than n."""
     scene, requirement = open_scene(name), Requirement()
     wide = DoubleFrustum(near=near, slabs=(near,), depth=D16[0])
     truth = Reference(scene).trace(scene.plate.middle)
@@ -125,7 +125,7 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
 
 @pytest.mark.slow
 def test_a_surface_through_the_aperture_itself_leaves_no_plan() -> None:
-    """The cameras draw only the part of such a surface that is closer than n: no n suffices."""
+    """The cameras draw only the part of this surface that is closer than n: no near suffices."""
     scene, requirement = view("crossing", SMALL), Requirement()
     made = plan_apertures(scene, [scene.plate.middle], requirement)
     assert (made.near, made.slabs, made.settings, made.within) == (None, (), None, False)
@@ -138,7 +138,7 @@ def test_a_surface_through_the_aperture_itself_leaves_no_plan() -> None:
     "name", thinned(["car", "asymmetric-recentered", "large-triangles", "teapot-recentered"], 3)
 )
 def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
-    """By up to a pixel, with and without cuts; and the bound is not a tenth too high."""
+    """The bound, up to a pixel, with and without cuts, is at most a tenth too high."""
     scene = view(name, (192, 144))
     aperture, reach = scene.default_apertures()[-1], scene.frustum.longest_reach
     truth = Reference(scene).trace(aperture)
@@ -157,7 +157,7 @@ def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
     assert np.median(ratios) < 1.1
 
 
-# Nothing simpler does.
+# No simpler settings meet the requirement.
 
 NEEDING_CUTS = [
     ("car", D16, None),
@@ -173,9 +173,9 @@ NEEDING_CUTS = [
 def test_with_one_slab_less_it_does_not_hold(
     name: str, buffer: DepthBuffer, separation: float | None
 ) -> None:
-    """Neither the best plan with one cut fewer is valid, nor the plan without any one of its cuts.
+    """Removing any one of the cuts makes the plan fail, as does the best plan with fewer cuts.
 
-    A cut is planned only if no near suffices without it.
+    The planner adds a cut only if no near offset suffices without it.
     """
     views, requirement = views_of(name), Requirement(separation=separation)
     settings = planned(views, requirement, buffer)
@@ -202,17 +202,15 @@ def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None
     assert measurement.displacement_p99_px > 1.5 * requirement.tolerance_px
 
 
-# The search finds the best there is.
+# The search returns the best settings.
 
 
 @pytest.mark.parametrize(
     ("name", "separation"),
     thinned([("car", 0.003), ("sheets", 0.05), ("bunny-transfer", 0.001)], 3, 1),
 )
-def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
-    name: str, separation: float
-) -> None:
-    """Brute force over pairs of heights, against cuts placed one by one from the far end inward."""
+def test_no_two_sufficient_cuts_lie_closer_to_the_plate(name: str, separation: float) -> None:
+    """Compare brute force over pairs of heights with cuts placed one by one from the far end."""
     views = views_of(name)
     search = Search(views, Requirement())
     target = separation / SEPARATION_MARGIN
@@ -232,12 +230,12 @@ def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
         if low < high and separated(float(low), high)
     ]
     assert possible and min(possible) >= first
-    # And the grid of three digits is used to the full: the next smaller numbers fail.
+    # Cuts are as small as three digits allow: the next smaller numbers fail.
     assert not separated(round_number(index_below(first) - 1), second)
     assert not separated(round_number(index_below(second) - 1), None)
 
 
-# Invariance
+# Invariances
 
 
 @pytest.mark.parametrize(
@@ -269,7 +267,7 @@ def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
 
 
 def test_what_is_behind_the_plate_and_what_is_before_it_count_alike() -> None:
-    """Tilted squares beside each other, reflected through the aperture: C and C* change places."""
+    """Point reflection of tilted squares through the aperture exchanges C and C*."""
     scene, plans = view("empty", SMALL), []
     square = np.array([(-1.0, -1, 0.3), (1, -1, 0.1), (1, 1, -0.1), (-1, 1, 0.1)])
     for side in (1, -1):
@@ -302,13 +300,13 @@ def test_asking_for_more_never_gives_fewer_slabs_or_else_a_larger_near(name: str
         for requirement in harder:
             after = planned(views, requirement, D16)
             assert len(after.slabs) >= len(before.slabs)
-            # A near at the first cut lies in an empty slab, and displaces nothing.
+            # If near equals the first cut, the first slab is empty, and nothing is displaced.
             if len(after.slabs) == len(before.slabs) and after.near not in after.slabs:
                 assert after.near <= before.near
             before = after
 
 
-# Lengths of three digits.
+# Lengths of three digits
 
 
 @given(st.floats(1e-30, 1e30))
@@ -334,7 +332,7 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
     views = views_of("car")
     best = Search(views, Requirement()).best().best
     assert (best.settings.depth, best.settings.mapping) == (DepthFormat.D24, DepthMapping.REVERSED)
-    # Depth that fragments write needs no cut in 16 bits: fewer slabs count before cheaper buffers.
+    # Depth that fragments write needs no cut in 16 bits: fewer slabs rank before cheaper buffers.
     sixteen = Search(views, Requirement(choices=depth_buffers(DepthFormat.D16))).best().best
     assert sixteen.settings.slabs == () and sixteen.settings.mapping is DepthMapping.LOGARITHMIC
 
@@ -345,7 +343,7 @@ def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
     requirement = Requirement(device=safe_model(), choices=buffer)
     made = plan_apertures(scene, [scene.plate.middle], requirement)
     assert made.settings is not None and made.predicted is not None
-    # Two steps of this device are one of a device that stores the nearest step.
+    # Two steps of this device equal one step of a device that stores the nearest value.
     assert made.predicted.separation == pytest.approx(
         2 * traced(scene).separation(made.settings), rel=0.01
     )

@@ -1,4 +1,4 @@
-"""A plan for the plate holds where its scan has not looked; samples give its bounds."""
+"""Plans for a whole plate hold at hogels that the scan missed; samples give their bounds."""
 
 import json
 import math
@@ -46,12 +46,12 @@ HOGELS = (9, 7)
 OVER = (
     7,
     1,
-)  #: aperture right over a small ball; all others see it from aside and a wall far behind it
+)  #: aperture right over a small ball; all others see it from the side, and a wall far behind it
 
 
 @pytest.fixture(scope="module")
 def near_ball() -> Scene:
-    """A wall 40 behind the plate; a ball 0.02 behind one aperture, which no other aperture sees."""
+    """Return a wall 40 behind the plate, and a ball 0.02 behind the plate below one aperture."""
     plate = Plate(size=(90.0, 70.0), hogels=HOGELS)
     over = plate.aperture(*OVER)
     parts = (
@@ -70,7 +70,7 @@ def planner(scene: Scene, scouted: PlateScan) -> PlatePlanner:
 
 
 def displaced(scene: Scene, made: Plan, aperture: Aperture) -> float:
-    """Return the 99th percentile of a plan's displacement at an aperture, drawn and judged."""
+    """Return the 99th percentile of displacement for a plan, measured at one aperture."""
     reference = Reference(scene)
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(aperture, made.settings)
@@ -87,7 +87,7 @@ def scouted(near_ball: Scene) -> PlateScan:
 
 @pytest.fixture(scope="module")
 def blind(scouted: PlateScan) -> PlateScan:
-    """The same without a look from over the ball."""
+    """Return the scan without its view from the aperture over the ball."""
     return replace(
         scouted, looks=tuple(look for look in scouted.looks if look.aperture.index != OVER)
     )
@@ -104,7 +104,7 @@ def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted:
 def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(
     near_ball: Scene, blind: PlateScan
 ) -> None:
-    """A sample of all hogels finds the surface that the scan missed: the next plan holds there."""
+    """The sample of all hogels includes a surface that the scan missed: the next plan holds."""
     made = planner(near_ball, blind).plan(RandomSample(hogels=HOGELS[0] * HOGELS[1]))
     assert made.within and made.plate is not None
     assert made.plate.measured == made.plate.hogels == HOGELS[0] * HOGELS[1]
@@ -113,7 +113,7 @@ def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(
 
 
 def tilted(aperture: Aperture) -> SceneObject:
-    """Return a small square through an aperture, which no near draws there."""
+    """Return a small square through an aperture, which no near offset draws there."""
     square = np.array([(-0.5, -0.4, -0.3), (0.5, -0.4, -0.3), (0.5, 0.4, 0.3), (-0.5, 0.4, 0.3)])
     corners = square + np.array([aperture.x, aperture.y, 0.0])
     return SceneObject(name="tilted", vertices=corners, faces=np.array([(0, 1, 2), (0, 2, 3)]))
@@ -122,7 +122,7 @@ def tilted(aperture: Aperture) -> SceneObject:
 def test_a_hogel_without_any_near_is_remembered_when_the_next_sample_lacks_it(
     near_ball: Scene, blind: PlateScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The first sample has such a hogel, and another one that joins; the second has neither."""
+    """The first sample has this hogel and one that joins the plan; the second has neither."""
     lost, over, other = (near_ball.plate.aperture(*index) for index in ((1, 1), OVER, (0, 0)))
     samples = iter([[lost, over], [other]])
     monkeypatch.setattr(plate_plan, "sample_hogels", lambda *_: next(samples))
@@ -138,9 +138,9 @@ def test_a_hogel_without_any_near_is_remembered_when_the_next_sample_lacks_it(
 def test_apertures_in_a_surface_that_the_scan_missed_are_left_out(
     columns: tuple[int, ...], share: float
 ) -> None:
-    """Each film shows the slit of a wall, but no line of the coarse films hits it."""
+    """Each film shows a slit between two walls, but no line of the coarse films enters it."""
     half = 2 * math.atan(0.6)
-    # At the wall pixels are 0.25 wide, with centers at 0.125, and lines of the scan pass at 0.5.
+    # At the walls, pixels are 0.25 wide, with centers at 0.125; lines of the scan pass at 0.5.
     frustum = Frustum(resolution=(96, 96), fov=(half, half), reach=(30.0, 30.0))
     plate = Plate(size=(6.0, 2.0), hogels=(3, 1))
     sides = [card((x + 0.125, 0.0, 20.0), (99.9, 100.0)) for x in (-50.05, 50.05)]
@@ -160,15 +160,15 @@ def test_apertures_in_a_surface_that_the_scan_missed_are_left_out(
 def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(
     near_ball: Scene, scouted: PlateScan
 ) -> None:
-    """Each of three samples may flatter: each bound holds with the cube root of the confidence."""
+    """A sample may look good by chance: each of three bounds has the confidence's cube root."""
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
     hogels, chosen = made.plate.hogels, made.plate.measured - made.plate.sampled
     expected = share_at_most(0, 5, CONFIDENCE ** (1 / 3)) * (hogels - chosen) / hogels
     assert made.plate.share_beyond_at_most == pytest.approx(expected)
 
 
-def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Scene) -> None:
-    """A large near displaces and orders; a tiny one with few bits does neither."""
+def test_errors_of_depth_and_of_displacement_are_distinguished(near_ball: Scene) -> None:
+    """A large near displaces surfaces and orders them; a tiny one, with few bits, does neither."""
     candidates = (
         DoubleFrustum(near=5.0, depth=DepthFormat.D32F),
         DoubleFrustum(near=1e-7, depth=DepthFormat.D16),
@@ -201,8 +201,7 @@ def test_a_plate_whose_middle_sees_nothing_is_planned(
     assert main(["plan", scene, "--aperture", "4,1", "--quiet"]) == 2
 
 
-# Where no near holds over the whole plate
-# ----------------------------------------------------------------
+# No near offset holds over the whole plate
 
 
 def crossed(tmp_path: Path, **keys: object) -> str:
@@ -229,14 +228,14 @@ def test_apertures_in_a_surface_are_infeasible_and_the_plan_holds_for_the_others
     made = json.loads(capsys.readouterr().out)
     plate = made["plate"]
     assert made["near"] is not None and not made["within"]
-    # In the order of columns: those over the square, which reaches from -20.5 to -0.5.
+    # Apertures over the square, from -20.5 to -0.5, in the order of columns
     assert plate["infeasible_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
     assert plate["infeasible"] == 4 and plate["measured"] == 4 and plate["confidence"] == 1.0
     assert plate["share_within_at_least"] == 0.5 == plate["share_beyond_at_most"]
     assert "at 4 of the 8 scanned apertures (0,0; 1,0; 2,0; 3,0)" in made["sentence"]
 
 
-def test_a_plate_without_any_near_says_so(
+def test_a_plate_without_any_feasible_near_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = crossed(tmp_path, rotate_deg=[30.0, 0.0, 0.0])
@@ -269,13 +268,12 @@ def test_the_largest_near_of_a_hogel_keeps_the_tolerance_and_the_next_one_does_n
             assert look.displacement_p99_px(DoubleFrustum(near=near), scouted.scene) <= 0.5
             assert look.displacement_p99_px(DoubleFrustum(near=1.01 * near), scouted.scene) > 0.5
     assert known > len(limits) / 2
-    # Displacement is nearly linear in a small near: twice the tolerance is about twice the near.
+    # Displacement is nearly linear in a small near: twice the tolerance needs about twice the near.
     twice = hogel_limits(scouted, 1.0)[limits > 0] / limits[limits > 0]
     assert np.all(twice > 1.9) and np.all(twice < 2.6)
 
 
-# A survey confirms plans
-# ------------------------------------------------------------------
+# Surveys confirm plans
 
 SURVEYED = [
     *((name, 0.5) for name in (*builtin.names(), *SHAPES)),
@@ -302,7 +300,7 @@ def test_what_a_plan_promises_a_survey_confirms(name: str, tolerance_px: float) 
 
 @pytest.mark.slow
 def test_wrong_surfaces_count_whatever_displacement_says() -> None:
-    """Displaced by less than 20 px, outlines would be wrong by more than 1 %."""
+    """Even where displacement is below 20 px, over 1 % of all surfaces would be wrong."""
     scene = view("asymmetric", (96, 96))
     sample = RandomSample(hogels=8)
     made = plan(scene, None, Requirement(tolerance_px=20.0), sample=sample).plan

@@ -1,4 +1,4 @@
-"""Plans for the eyes of a viewer: the largest near that is not noticed, and the view zone."""
+"""Plans for a viewer's eyes: the largest near offset that stays unnoticed, and the view zone."""
 
 import json
 from dataclasses import replace
@@ -40,7 +40,7 @@ def requirement(scene: Scene, viewer: Viewer, *, through: bool = True) -> Viewer
 def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) -> None:
     scene = open_scene(scene_file)
     required = requirement(scene, Viewer(distance=600.0))
-    # Hogels of 5 mm would hide any crack.
+    # A pitch of 5 mm would hide any crack.
     required = replace(required, display=replace(required.display, pitch=0.5))
     stereo, crack = required.limits()
     assert (stereo.name, crack.name) == (STEREO, CRACK)
@@ -48,7 +48,7 @@ def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) 
     near = stereo.largest_near
     assert near is not None and crack.largest_near is not None and near < crack.largest_near
     assert required.excess(DoubleFrustum(near=near)) <= 1
-    # Plans have three digits.
+    # Plans round lengths to three digits.
     larger = DoubleFrustum(near=near * 1.01)
     assert required.excess(larger) > 1
 
@@ -61,7 +61,7 @@ def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None
     )
     binds = binding(fine.limits())
     assert (binds.name, binds.hidden_by) == (CRACK, "acuity")
-    # Without a surface at the plate nothing is noticed at any near.
+    # Without a surface at the plate, no near offset has a noticeable effect.
     apart = replace(fine, content=replace(fine.content, through=False))
     assert binding(apart.limits()) is None and len(apart.limits()) == 1
 
@@ -95,9 +95,9 @@ def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed(
     assert seen["binding"] == STEREO
     assert made["near"] == seen["limits"][0]["largest_near"] == made["limits"]["eye"]
     assert made["binds"] == "eye" and 19 < seen["stereo_change_arcsec"] <= 20
-    # Where the torus meets the plate, hogels' pixels are far from right.
+    # Where the torus meets the plate, displacements in hogels are large.
     assert made["measured"]["displacement_p99_px"] > 0.5
-    # With a tolerance pixels count too, and bind.
+    # With a tolerance, pixel errors limit near too, and more strongly.
     assert main([*command, "--tolerance-px=0.5", "--json", "--quiet"]) == 0
     both = json.loads(capfd.readouterr().out)
     assert both["binds"] == "pixels" and both["near"] <= both["limits"]["pixels"] < made["near"]
@@ -139,11 +139,12 @@ def projected(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 @pytest.mark.parametrize(
     ("distance", "some", "every"),
     [
-        # In the plane of the screen every film sends its rays through the screen.
+        # In the plane of the screen, every film images exactly the screen.
         (600.0, 60.0, 60.0),
-        # Nearer by a third: films of 40 mm, whose middles follow 76 mm of apertures by a third.
+        # A third nearer, films are 40 mm wide; their middles move by a third of 76 mm of apertures.
         (400.0, 40.0 + 76.0 / 3, 40.0 - 76.0 / 3),
-        # Twice as far: films of 120 mm, whose middles go the other way, as far as the apertures.
+        # Twice as far, films are 120 mm wide; their middles move by 76 mm in the opposite
+        # direction.
         (1200.0, 120.0 + 76.0, 120.0 - 76.0),
     ],
 )
@@ -158,7 +159,7 @@ def test_the_view_zone_is_the_screen_and_spreads_away_from_it(
 
 
 def test_beyond_means_the_same_in_a_plan_for_eyes(projected: Scene) -> None:
-    """A hogel that eyes do not mind is beyond the usual tolerance all the same."""
+    """A hogel with errors that eyes do not notice still counts as beyond the usual tolerance."""
     eyes = requirement(projected, Viewer(distance=600.0))
     required, pixels = (
         Requirement(pixels_count=False, viewer=eyes),
@@ -174,7 +175,7 @@ def test_beyond_means_the_same_in_a_plan_for_eyes(projected: Scene) -> None:
 
 
 def test_eyes_outside_the_view_zone_are_refused_by_name(projected: Scene) -> None:
-    """Eyes 59 mm apart see hogels; beyond half a pitch more none do, nor does one eye of two."""
+    """Eyes 59 mm apart see hogels; a wider pair does not, nor does a pair off center."""
     assert seen_view_zone(projected, Viewer(distance=600.0, eyes_apart_mm=59.0)).every is not None
     for scene in (projected, aside(projected, (5.0, 0.0))):
         with pytest.raises(
@@ -186,7 +187,7 @@ def test_eyes_outside_the_view_zone_are_refused_by_name(projected: Scene) -> Non
 
 
 def aside(scene: Scene, center: tuple[float, float]) -> Scene:
-    """Return a scene with its screen elsewhere."""
+    """Return the scene with its screen at another center."""
     assert scene.frustum.screen is not None
     screen = replace(scene.frustum.screen, center=center)
     return replace(scene, frustum=replace(scene.frustum, screen=screen))

@@ -1,4 +1,4 @@
-"""Two ways to draw a plate: when passes by directions overtake hogels."""
+"""Drawing a plate in two ways: the crossover at which passes by direction become faster."""
 
 import math
 from dataclasses import replace
@@ -34,12 +34,12 @@ def small(name: str) -> Scene:
 def test_both_ways_take_equally_long_at_the_crossover(
     pixels: int, pass_s: float, cell_s: float, gain: float
 ) -> None:
-    # A hogel costs more than its cells in all passes where the gain is above 1.
+    # With a gain above 1, a hogel costs more than its cells in all passes.
     hogel_s = gain * pixels * cell_s
     speeds = WaySpeeds(pixels=pixels, pass_s=pass_s, cell_s=cell_s, hogel_s=hogel_s)
     assert math.isinf(speeds.crossover) or gain > 1
     if math.isinf(speeds.crossover):
-        # A cell costs more in all passes than a whole hogel: no number of hogels helps.
+        # A cell costs more in all passes than a whole hogel: more hogels do not help.
         assert all(speeds.directions_s(n) > speeds.hogels_s(n) for n in (1, 10**6, 10**12))
     elif speeds.crossover < 1e9:
         more, fewer = math.ceil(speeds.crossover * 1.01), math.floor(speeds.crossover * 0.99)
@@ -75,9 +75,10 @@ def test_speeds_are_measured_and_scenes_around_the_screen_refused() -> None:
 
 
 def sheets(apart: float) -> Scene:
-    """Return two leaning sheets over the whole plate, of which the hidden one reaches higher.
+    """Return two leaning sheets over the whole plate; the hidden sheet reaches higher.
 
-    Triangles are drawn from the highest on: in equal depths the hidden sheet remains.
+    Triangles are drawn in descending order of their highest point: where depths are equal, the
+    hidden sheet, drawn first, remains.
     """
 
     def sheet(name: str, z: float, right: float) -> SceneObject:
@@ -93,8 +94,8 @@ def sheets(apart: float) -> Scene:
 
 @pytest.mark.parametrize(
     ("depth", "apart", "wrong"),
-    # Depth is linear over 200: its steps are 200/65535 = 3e-3 in D16, and 6e-6 or less in D32F;
-    # 1e-4 / 3e-3 of the leaning sheets lie on both sides of a step.
+    # Linear depth spans 200: a step is 200/65535 = 3e-3 in D16, and at most 6e-6 in D32F. A depth
+    # step separates the leaning sheets in a share of 1e-4 / 3e-3 of the pixels.
     [(DepthFormat.D16, 1e-2, 0.0), (DepthFormat.D16, 1e-4, 1.0), (DepthFormat.D32F, 1e-4, 0.0)],
 )
 def test_linear_depth_orders_sheets_that_are_more_than_a_step_apart(
@@ -114,5 +115,5 @@ def test_few_surfaces_are_wrong_by_directions(name: str) -> None:
     errors = direction_errors(
         Reference(scene), tile, spread_pixels(scene.frustum, 9), DepthFormat.D24
     )
-    # Edges are moved by at most 1/512 of a cell in x and in y: contours of 10 cells for each 100.
+    # Edges move by at most 1/512 of a cell in x and in y; 100 cells have contours of 10 cells.
     assert errors.judged > 14_000 and errors.fraction < 2e-3

@@ -1,4 +1,4 @@
-"""Band limiting in closed form: the blur of a hogel's area, and points that sample the area."""
+"""Band limiting: blur by a hogel's area, in closed form, and points that sample the area."""
 
 import json
 import math
@@ -34,11 +34,11 @@ SHARP = DoubleFrustum(near=0.01, depth="d32f", mapping="reversed")  # type: igno
 
 
 def discrepancy(points: Floats, angle: float) -> float:
-    """Return the largest difference of the shares of points and unit box beside parallel lines."""
+    """Return the largest discrepancy between points and the unit box below parallel lines."""
     c, s = math.cos(angle), math.sin(angle)
     along = np.sort((points - 0.5) @ [c, s])
-    # The share of the box below a line is the integral of a trapezoid: of two boxes, |c| and |s|
-    # wide.
+    # The share of the box below a line is the integral of a trapezoid, the convolution of two boxes
+    # |c| and |s| wide.
     a, b = max(abs(c), abs(s), 1e-9) / 2, max(min(abs(c), abs(s)), 1e-9) / 2
     ramps = [np.maximum(along + x, 0) ** 2 / 2 for x in (a + b, b - a, a - b, -a - b)]
     share = (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (4 * a * b)
@@ -48,7 +48,7 @@ def discrepancy(points: Floats, angle: float) -> float:
 
 @pytest.mark.parametrize("count", thinned((n for n in DISCREPANCY if 4 <= n <= 4096), 3))
 def test_the_discrepancy_is_that_of_the_sub_apertures(count: int) -> None:
-    """No direction exceeds it, and one comes near it."""
+    """No direction exceeds the tabulated discrepancy, and some direction nearly attains it."""
     points = additive_recurrence(count)
     largest = max(
         discrepancy(points, angle) for angle in np.linspace(0, np.pi, 1440, endpoint=False)
@@ -91,7 +91,7 @@ def test_the_count_is_the_least_whose_bound_is_a_level() -> None:
 
 
 def white_ball(contrast: float) -> Scene:
-    """A ball of one brightness before black: its outline has all directions and many pixels."""
+    """Return a uniformly bright ball before black, with edges in all directions."""
     scene = lit(
         ball((0.5, 0.3, -10.0), 3.0, "white"),
         frustum=Frustum(resolution=(48, 48), reach=(20.0, 20.0), fov=(0.8, 0.8)),
@@ -103,7 +103,7 @@ def white_ball(contrast: float) -> Scene:
 
 @pytest.mark.slow
 def test_the_count_is_enough_and_half_of_it_is_not() -> None:
-    """Measured at a ball's outline against a mean over eight times as many points."""
+    """Compare means at the ball's outline with a mean over eight times as many points."""
     scene = white_ball(0.1)
     assert contrast_of(scene) == pytest.approx(0.1)
     count = needed_sub_apertures(scene)
@@ -116,7 +116,7 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
         points = sub_apertures(scene.plate, scene.plate.middle, 8 * count)
         for number, hogel in enumerate(plate.hogels(points), 1):
             total += hogel.color
-            # The sequence's first points are the sequence of that length.
+            # A prefix of the sequence of points is the sequence for fewer points.
             if number in (coarse, count // 2, count, 8 * count):
                 means[number] = total / number
     error = {n: np.abs(mean - means[8 * count]).max() for n, mean in means.items()}
@@ -124,10 +124,10 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
     assert LEVEL < error[coarse] <= 0.01
 
 
-def test_auto_is_the_number_that_check_says(
+def test_auto_is_the_number_that_check_recommends(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A dim ball far behind the plate: its picture moves by a fifth of a pixel over the pitch."""
+    """A dim ball far behind the plate, whose image moves by a fifth of a pixel over the pitch."""
     file, out = tmp_path / "ball.toml", str(tmp_path / "x.zarr")
     file.write_text(
         named("dim")
@@ -143,7 +143,7 @@ def test_auto_is_the_number_that_check_says(
     plate = f"plate {file} --near 0.02 --apertures 4,4 --quiet --out {out} --aperture-samples auto"
     assert main(plate.split()) == 0
     assert f"auto: {count} points" in capsys.readouterr().err
-    # A share of the radiance takes fewer.
+    # A tolerance as a share of the radiance needs fewer points.
     trace = ["trace", str(file), "--out", f"{out}.exr", "--aperture-samples"]
     assert main([*trace, "5%"]) == 0
     fewer = needed_sub_apertures(open_scene(str(file)), error=0.05)

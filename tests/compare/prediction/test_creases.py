@@ -1,4 +1,4 @@
-"""Wrong surfaces beyond snapped creases, against closed-form lengths and drawn images."""
+"""Wrong surfaces beyond snapped creases, compared with closed-form lengths and drawn images."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,7 @@ SUBPIXEL_BITS = 8
 
 
 def pleated(heights: list[float], turned: float = 17.0, depth: float = 40.0) -> Scene:
-    """Return a sheet behind the plate with creases across the film at heights above its middle."""
+    """Return a sheet behind the plate, with creases across the film at heights above its middle."""
     angle = math.radians(turned)
     along, across = np.array(
         [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
@@ -50,7 +50,7 @@ def predicted(scene: Scene) -> float:
 
 
 def snapped_shifts(count: int = 200_000) -> Floats:
-    """Return how far points of random edges move along their normals when their ends snap, px."""
+    """Return shifts of random edges along their normals, in px, when their ends snap."""
     random = np.random.default_rng(5)
     ends, place = random.uniform(0, 300, (2, count, 2)), random.uniform(0, 1, count)
     off = np.rint(ends * 2**SUBPIXEL_BITS) / 2**SUBPIXEL_BITS - ends
@@ -61,13 +61,13 @@ def snapped_shifts(count: int = 200_000) -> Floats:
 
 @pytest.mark.parametrize(("turned", "side"), [(0.0, -1.0), (17.0, -1.0), (61.0, 1.0)])
 def test_a_valley_counts_its_length_and_a_ridge_nothing(turned: float, side: float) -> None:
-    """The crease lies 3 behind the edges of the sheet, or before them; all of it is seen.
+    """The whole crease is visible and lies 3 behind the edges of the sheet, or 3 before them.
 
-    Both sides lean by b: a point that is shown x beyond the crease is 2 x sin(b) off the other
-    side.
+    Both sides lean by an angle b: a point of one side, shown at x beyond the crease, is 2 x sin(b)
+    off the other side's plane.
     """
     valley, ridge = ([0.0, sign * 3.0, 0.0] for sign in (-1, 1))
-    # Before the plate the viewer sees a valley from the same side, nearer by 6.
+    # Before the plate, the viewer sees a valley from the same side, and it is 6 nearer.
     distance = 43.0 if side < 0 else 37.0
     pixel = 2 * SLOPE * distance / PIXELS
     seen = POSITION_TOLERANCE * max(distance, 40.0) / (2 * math.sin(math.atan(3 / 8)) * pixel)
@@ -82,12 +82,12 @@ def test_the_number_of_triangles_makes_no_difference() -> None:
 
 
 def test_a_crease_that_hides_points_by_less_than_their_tolerance_counts_nothing() -> None:
-    """Half a subpixel beyond the crease, the other plane lies 1e-6 behind."""
+    """Half a subpixel beyond the crease, the other plane is only 1e-6 behind."""
     assert predicted(pleated([0.0, -1e-3, 0.0])) == 0
 
 
 def test_pleats_are_drawn_with_as_many_wrong_pixels_as_predicted() -> None:
-    """In ten directions: within chance, which two pixels for one event double. Ridges have none."""
+    """The tolerance allows for chance, with two wrong pixels for each event; ridges have none."""
     measured, expected = 0, 0.0
     for turned in np.linspace(5, 85, 10):
         scene = pleated([0.0, -0.6] * 60 + [0.0], float(turned))
@@ -102,7 +102,7 @@ def test_pleats_are_drawn_with_as_many_wrong_pixels_as_predicted() -> None:
 
 
 def test_sides_have_their_twins() -> None:
-    """Check twins in a closed box, in a box without one triangle, and on an edge of three wings."""
+    """Check twins in a closed box, in a box without one triangle, and at an edge of three wings."""
     box = build_shape("box")
     scene = pleated([0.0, -3.0, 0.0])
 

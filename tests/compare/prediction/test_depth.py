@@ -1,4 +1,4 @@
-"""Depth buffers: order, wrong surfaces, and the U-shaped curve of error over near."""
+"""Depth buffers: order, wrong surfaces, and the U-shaped curve of error against near offset."""
 
 from __future__ import annotations
 
@@ -58,15 +58,15 @@ FACTOR = 2.0
 
 
 def heights_about(height: float) -> Floats:
-    """Return heights of cells a few percent apart, whose depths do not all round alike."""
+    """Return heights of cells within 5 % of a height, so that depths round differently."""
     return height * (1 + np.random.default_rng(4).uniform(-0.05, 0.05, CELLS**2))
 
 
 def predicted(near: float, height: float, depth: DepthFormat, mapping: DepthMapping) -> float:
-    """Return the separation along z predicted to misorder the allowed fraction of pixels.
+    """Return the separation along z at which the allowed fraction of pixels is misordered.
 
-    Errors are close to normal, so that a cell's own chance follows from the separation that would
-    leave it `MAX_MISORDERED_FRACTION`.
+    Errors are close to normal. The chance of a cell therefore follows from the separation at which
+    it would be `MAX_MISORDERED_FRACTION`.
     """
     there = smallest_separation(heights_about(height) + near, near, near + REACH, depth, mapping)
     certain = norm.isf(MAX_MISORDERED_FRACTION)
@@ -99,7 +99,7 @@ def misordered(settings: DoubleFrustum, height: float, separation: float) -> lis
 def test_smallest_ordered_separation_is_as_predicted(
     near: float, height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Twice the predicted separation orders all but a percent, half of it less: for C and C*."""
+    """At twice the predicted separation at most 1 % is misordered; at half of it, more than 1 %."""
     settings = DoubleFrustum(near=near, depth=depth, mapping=mapping)
     distance = predicted(near, height, depth, mapping)
     assert max(misordered(settings, height, FACTOR * distance)) <= MAX_MISORDERED_FRACTION
@@ -113,12 +113,12 @@ FRUSTUM = Frustum(
 
 
 def level(height: float) -> HogelImage:
-    """Return the true image of a square at one height that covers the film."""
+    """Return the true image of a square at one height, larger than the film."""
     corners = np.array(
         [(-200, -200, height), (200, -200, height), (200, 200, height), (-200, 200, height)]
     )
     scene = soup(corners[[(0, 1, 2), (0, 2, 3)]].astype(np.float64), FRUSTUM)
-    # The line does not go through the square's diagonal, which would be a tie.
+    # No line passes through the square's diagonal, which would be a tie.
     return Reference(scene).trace(at(0.3, 0.1))
 
 
@@ -129,7 +129,7 @@ def share(height: float, gap: float, settings: DoubleFrustum, *, unlucky: bool =
 
 
 def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
-    """Return the chance of one wrongly shown surface, whether or not linear depth fails too."""
+    """Return the chance of one wrong surface, without regard to linear depth."""
     camera = Camera.C if height < 0 else Camera.C_STAR
     own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
     surface = Surfaces(distance=np.array([abs(height)]), gap=np.array([gap]))
@@ -141,11 +141,11 @@ def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
 def test_the_chance_of_a_wrong_order_falls_from_a_half_to_a_percent_to_nothing(
     height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Near is a tenth of the reach, so that nothing is lost; the worst order doubles the share.
+    """Near is a tenth of the reach, so that no surface is lost; the worst order doubles the share.
 
-    At the smallest separation about a percent is wrong. Its closed form counts equal depths as
-    wrong and adds the squares of step and error; here the two are averaged over each other: at most
-    four percent apart, where they are alike.
+    At the smallest separation about a percent is wrong. The closed form of this separation counts
+    equal depths as wrong and adds the squares of step and error. The chance averages over both,
+    which gives at most four percent where step and error have equal size.
     """
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
     assert chance(height, 0.0, settings) == pytest.approx(1 / MAX_ORDER_FACTOR, abs=1e-3)
@@ -155,21 +155,21 @@ def test_the_chance_of_a_wrong_order_falls_from_a_half_to_a_percent_to_nothing(
     smallest = float(smallest_separation(w, 10.0, far, depth, mapping)[0])
     assert MAX_ORDER_FACTOR * chance(height, smallest, settings) < 5 * MAX_MISORDERED_FRACTION
     assert MAX_ORDER_FACTOR * chance(height, smallest / 2, settings) > MAX_MISORDERED_FRACTION
-    # Pixels that linear depth gets wrong too are not charged.
+    # Pixels in which linear depth fails too are not charged.
     assert share(height, 0.0, settings) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_device_that_stores_either_step_orders_what_is_two_steps_apart() -> None:
     w, buffer = np.array([20.0]), (10.0, 60.0, DepthFormat.D16, DepthMapping.LINEAR)
     nearest = float(smallest_separation(w, *buffer)[0])
-    assert nearest == pytest.approx(50 / 2**16, rel=0.01)  # a step; float32 rounds 2^8 times finer
+    assert nearest == pytest.approx(50 / 2**16, rel=0.01)  # a step; float32 rounds to 2^-8 of it
     assert float(smallest_separation(w, *buffer, safe_model())[0]) == pytest.approx(
         2 * nearest, rel=0.01
     )
 
 
 def test_surfaces_in_different_slabs_are_never_misordered() -> None:
-    """The surfaces are two thirds of a step of 50 / 2^16 apart."""
+    """The surfaces are two thirds of a step, 50 / 2^16, apart."""
     settings = DoubleFrustum(
         near=1.0,
         depth=DepthFormat.D16,
@@ -197,7 +197,7 @@ def test_a_sheet_at_a_cut_is_drawn_by_the_slab_that_does_not_lose_it(height: flo
 
 
 def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:
-    """C clears to far, where hyperbolic depth is dense; C* to near, where nothing visible lies."""
+    """C clears to far, where hyperbolic depth is dense; C* to near, where no surface is visible."""
     starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
     for mapping in (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED):
         settings = replace(starved, mapping=mapping)
@@ -205,7 +205,8 @@ def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:
         assert share(90.0, math.inf, settings) < 1e-9
     for mapping in (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR):
         assert share(-70.0, math.inf, replace(starved, mapping=mapping)) < 1e-9
-    # Half a step from the far value: 1 - d = n (f - w) / (w (f - n)) = 2^-17.
+    # Distance at which a surface is half a step from the far value: 1 - d = n (f - w) / (w (f - n))
+    # = 2^-17
     far, near = 80.1, 0.1
     w = far / (1 + 2.0**-17 * (far - near) / near)
     settings = DoubleFrustum(near=near, depth=DepthFormat.D16)
@@ -264,7 +265,7 @@ MEASURED = [
 def misordered_pixels(
     name: str, near: float, depth: DepthFormat, mapping: DepthMapping, width: int
 ) -> tuple[int, float, float]:
-    """Return pixels wrong by depth: measured, predicted by draw order, predicted by chance."""
+    """Return pixels wrong by depth: measured, predicted for the draw order, and for any order."""
     scene = view(name, (width, width))
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
@@ -289,7 +290,7 @@ def misordered_pixels(
 def test_the_share_on_a_car_is_as_predicted(
     near: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Predictions agree within a factor of two, with the draw order and with a random order."""
+    """Predictions, for the draw order or a random order, agree within a factor of two."""
     measured, *predicted = misordered_pixels("car", near, depth, mapping, 256)
     assert measured > 5e-4 * 256**2
     for prediction in predicted:
@@ -307,7 +308,7 @@ def test_the_share_on_a_car_is_as_predicted(
 def test_the_draw_order_decides_equal_depths(
     name: str, near: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Where steps are far coarser than float32 rounding, hardly a pixel is left to chance."""
+    """With steps far coarser than float32 rounding, chance decides hardly any pixel."""
     measured, predicted, coin = misordered_pixels(name, near, depth, mapping, 96)
     assert measured > 50
     assert predicted == pytest.approx(measured, rel=0.05)
@@ -326,7 +327,7 @@ a share of 0.0055 l / W for silhouettes of l image widths. Half of them flip; th
 
 @pytest.fixture(scope="module")
 def curves() -> dict[str, dict[float, float]]:
-    """Return the share of wrong surfaces inside the film by near, of some depth buffers."""
+    """Return shares of wrong surfaces inside the film by near offset, for some depth buffers."""
     scene = view("car", (256, 256))
     reference, middle = Reference(scene), scene.plate.middle
     truth = reference.trace(middle)
@@ -343,7 +344,7 @@ def curves() -> dict[str, dict[float, float]]:
             )
             drawn = raster.render(middle, settings, normals=False, color=False)
             errors = surface_errors(truth, drawn, reference)
-            # Surfaces beyond the film are wrong from half a pixel of displacement on.
+            # Surfaces from outside the film count as wrong from half a pixel of displacement.
             inside = errors.wrong & ~errors.outside & judged_pixels(truth)
             curves[name][near] = float(inside.sum() / judged_pixels(truth).sum())
     return curves
@@ -369,7 +370,7 @@ def test_fixed_point_depth_rises_again_and_reversed_float_stays_flat(
         rising = [surface[near] for near in sorted(surface) if near <= best]
         assert rising[0] > top
         assert all(smaller >= larger for smaller, larger in pairwise(rising))
-    # Resolution n 2^b in w: ten times smaller near, about ten times more lost or swapped.
+    # The resolution in w is n 2^b: a tenth of the near loses or swaps ten times as many pixels.
     assert 5 < curves["d24"][1e-7] / curves["d24"][1e-6] < 20
     assert curves["d16"][1e-6] > 20 * curves["d24"][1e-6]
     assert all(curves["float reversed"][near] < SNAPPED_SURFACE for near in (1e-6, 1e-7, 1e-8))

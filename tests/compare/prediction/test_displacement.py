@@ -1,8 +1,8 @@
-"""The closed form of displacement, option by option, equals the certified model of the cameras.
+"""Closed-form displacements agree with the certified camera model, for every option.
 
-Shear: the ordinary off-axis projection against the paper's (docs/method.md, "The two cameras";
-paper, section 5). With pivot `camera` each camera shears about its own center, and every surface
-point is drawn -k n / ((|z| + n) t) film units beside where pivot `aperture` draws it.
+Shear: the ordinary off-axis projection, compared with the paper's (docs/method.md, "The two
+cameras"; paper, section 5). With pivot `camera` each camera shears about its own center. It draws a
+surface point -k n / ((|z| + n) t) film units beside its place with pivot `aperture`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ some thousands, held by doubles to 2^-53 of that, times a dozen operations.
 def drawn_by_the_model(
     truth: HogelImage, frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> Floats:
-    """Project every true point through the lines of the reference's own offset cameras."""
+    """Project every true point along the lines of the reference's offset cameras."""
     displaced = np.full((*truth.triangle.shape, 2), np.nan)
     width, rows = truth.camera.resolution
     for camera in model_cameras(frustum, aperture, settings):
@@ -90,7 +90,7 @@ def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str) -> 
 def test_any_sheared_frustum_shifts_any_point_by_the_closed_form(
     frustum: Frustum, aperture: Aperture, corners: Floats
 ) -> None:
-    """The closed form holds for screens before and behind the plate, apertures on and beside it."""
+    """Screens lie before and behind the plate, and apertures on and beside it."""
     assume(frustum.recentered)
     near, truth = 0.7, Reference(soup(corners, frustum)).trace(aperture)
     paper, camera = (
@@ -102,7 +102,7 @@ def test_any_sheared_frustum_shifts_any_point_by_the_closed_form(
         np.array(truth.camera.shear),
         truth.camera.half_extent,
     )
-    # Displacement is true minus drawn; rows are counted downward.
+    # Displacement is true minus drawn; rows count downward.
     expected = -near * k / ((np.abs(truth.height)[..., None] + near) * t) * [width / 2, -rows / 2]
     shown = truth.off_plate
     np.testing.assert_allclose((paper - camera)[shown], expected[shown], rtol=1e-12, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Bent eye vector: error of an offset camera in highlights and mirrors at fixed points."""
+"""Bent eye vector: errors that an offset camera makes in highlights and mirrors."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ EXPONENT = 12.0
 
 
 def shiny(name: str, material: Material) -> Scene:
-    """Return a scene with one material on everything, under two lights and a gentle sky."""
+    """Return a scene with one material on all surfaces, under two lights and a gentle sky."""
     scene = view(name, SIZE)
     lights = (
         DirectionalLight(direction=(-1.0, 1.5, 2.0), color=(1.0, 0.8, 0.6)),
@@ -64,7 +64,7 @@ def test_the_bend_in_closed_form_is_drawn_minus_true_line(name: str) -> None:
 
 
 def test_the_eye_vector_of_a_pixel_does_not_bend() -> None:
-    """Pivot aperture and fit angle: the drawn line of a pixel is parallel to the true one."""
+    """With pivot `aperture` and fit `angle`, a pixel's drawn line is parallel to its true line."""
     scene = view("asymmetric-recentered", SIZE)
     aperture = scene.default_apertures()[-1]
     reference, near = Reference(scene), DoubleFrustum(near=1.0)

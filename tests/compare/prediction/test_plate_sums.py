@@ -1,4 +1,4 @@
-"""Sums over whole plates: predicted wrong surfaces are measured, or have a reason, by link."""
+"""Sums over whole plates: for each link, predicted and measured wrong surfaces agree."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def by_name(links: tuple[LinkSum, ...]) -> dict[str, LinkSum]:
 
 
 def test_rasterization_has_its_sum_although_each_hogel_has_too_few_pixels() -> None:
-    """Creases of the bunny make most of its wrong pixels, of which a hogel has one or two."""
+    """Most wrong pixels of the bunny lie at creases, only one or two of them in a hogel."""
     sums = plate_sums(plate("bunny-transfer", (3, 3), 96), nears=(1e-3, 1e-4))
     assert_holds(sums)
     rasterization = by_name(sums)["rasterization"]

@@ -1,4 +1,4 @@
-"""Surface errors from displaced silhouettes: predicted, in closed form, measured."""
+"""Wrong surfaces at displaced silhouettes: predictions, closed forms, measurements."""
 
 import itertools
 import math
@@ -51,14 +51,14 @@ rows or columns changes whole rows of pixels at once: the measured error is a wh
 the predicted error the mean over all places that the contour can have on the grid.
 """
 ENOUGH_PIXELS = (
-    40  #: smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %
+    40  #: smallest number of predicted or measured pixels that is compared: forty vary by 16 %
 )
 DISPLACED_PX = (0.1, 5.0)
 """99th percentile of displacement, px, for which first order holds and enough pixels change."""
 
 
 def wrong_inside(truth: HogelImage, raster: HogelImage, reference: Reference) -> int:
-    """Return the number of wrong surfaces without points from outside the film (no contour)."""
+    """Return the number of wrong surfaces, except for points from outside the film."""
     maps = compare_images(truth, raster, reference).maps
     return int((maps.surface & ~maps.outside).sum())
 
@@ -82,7 +82,7 @@ def scene_of(*parts: SceneObject, pixels: int = 256) -> Scene:
 
 
 def on_film(points: Floats, height: float) -> Floats:
-    """Return the scene points at a height that the true frustum images at film places (N, 2)."""
+    """Return the points at a height that the true frustum images at film places (N, 2)."""
     xy = -height * SLOPE * np.asarray(points)
     return np.concatenate((xy, np.full((len(xy), 1), height)), axis=1)
 
@@ -98,7 +98,7 @@ def wrong_pixels(silhouettes: Silhouettes, settings: DoubleFrustum, scene: Scene
 def two_sheets(
     front: float, back: float, turned: float, *, single: bool = False, edge: float = 0.31
 ) -> Scene:
-    """Return a sheet over about half of the film, up to an edge, before one over all of it."""
+    """Return a sheet over about half of the film, with a straight edge, before a full sheet."""
     angle = math.radians(turned)
     axes = np.array([(math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))])
     half = np.array([(-3, edge), (3, edge), (3, edge + 4), (-3, edge + 4)]) @ axes
@@ -117,7 +117,7 @@ SHEETS = [
     (-30, -60),
     (30, -60),
     (90, 80),
-]  #: heights of the front and of the back sheet
+]  #: heights of the front sheet and the back sheet
 
 
 PLACED = itertools.product(SHEETS, (20, 165, 255), (0.31, -0.2), (False, True))
@@ -130,7 +130,7 @@ PLACED = itertools.product(SHEETS, (20, 165, 255), (0.31, -0.2), (False, True))
 def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     front: float, back: float, turned: float, edge: float, single: bool
 ) -> None:
-    """A moving edge before and behind the plate hides and uncovers as predicted."""
+    """A displaced edge, before and behind the plate, hides and uncovers the predicted area."""
     scene, settings = (
         two_sheets(front, back, turned, single=single, edge=edge),
         DoubleFrustum(near=1.0),
@@ -140,16 +140,14 @@ def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     assert set(contours(truth).kind) == {Kind.OCCLUSION if single else Kind.OBJECTS}
     measured = wrong_inside(truth, reference.trace_model(AXIS, settings), reference)
     predicted = wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene)
-    # A strip of pixels is counted to a pixel at each end, and its area to the square root of its
-    # length.
+    # A strip's count is exact to a pixel at each end; its area, to the square root of its length.
     assert abs(predicted - measured) <= (STAIRS + 1 / 30) * measured + math.sqrt(256)
 
 
 def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
-    """A tilted sheet cut at 40: fit angle shrinks the inner part; a fit there moves nothing."""
+    """A tilted sheet is cut at 40: fit `angle` shrinks the inner part, a fit at 40 does not."""
     points = on_film(np.array([[-3.0, -3], [3, -3], [3, 3], [-3, 3]]), -HEIGHT)
-    # The edge is oblique to the pixels in no simple ratio: else whole rows of pixels change at
-    # once.
+    # The edge crosses pixel rows at an irregular slope: otherwise whole rows would change at once.
     points[:, 2] += 16.0 + 0.31 * points[:, 0] + 0.173 * points[:, 1]
     scene = scene_of(part(points))
     reference = Reference(scene)
@@ -191,7 +189,7 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
     assert (truth.height == 0).mean() > 0.5
     settings = DoubleFrustum(near=near)
     drawn = reference.trace_model(scene.plate.middle, settings)
-    # The drawn surface comes from everywhere, also from outside the film.
+    # The drawn surface includes points from outside the film.
     measured = compare_images(truth, drawn, reference).surface_wrong
     assert wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) == pytest.approx(
         measured, rel=STAIRS
@@ -227,13 +225,13 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
             assert abs(predicted - measured) <= ENOUGH_PIXELS / 2
             continue
         ratios.append(predicted / measured)
-    assert ratios or name in {"empty", "truck"}  # nothing to see; under forty pixels at this size
+    assert ratios or name in {"empty", "truck"}  # nothing to compare: fewer than forty pixels
     assert all(1 / FACTOR <= ratio <= FACTOR for ratio in ratios)
 
 
 @pytest.mark.parametrize("near", [15.0, 1.5])
 def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
-    """The prediction holds for sheets displaced by many times their distance on the film."""
+    """Each sheet is displaced by many times the distance between the sheets on the film."""
     scene = view("sheets", (128, 128))
     reference, settings = Reference(scene), DoubleFrustum(near=near)
     truth = reference.trace(scene.plate.middle)
@@ -251,7 +249,7 @@ def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
 def test_each_link_is_charged_with_what_stays_wrong_from_it_on(
     name: str, options: dict[str, Any]
 ) -> None:
-    """Predicted charges equal those counted pixel by pixel in the traced images of the chain."""
+    """Predicted charges agree with pixel counts in the traced images of the chain."""
     scene = view(name, (128, 96))
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
@@ -259,7 +257,7 @@ def test_each_link_is_charged_with_what_stays_wrong_from_it_on(
     images = [reference.trace_model(aperture, settings) for settings in chain]
     errors = [surface_errors(truth, image, reference) for image in images]
     wrong = np.stack([error.wrong & ~error.outside & judged_pixels(truth) for error in errors])
-    # A pixel that a later link puts right is charged to no link.
+    # A pixel that a later link corrects is charged to no link.
     to_the_end = [int(wrong[link:].all(axis=0).sum()) for link in range(len(chain))]
     measured = np.diff(to_the_end, prepend=0)
     assert to_the_end[0] < wrong[0].sum(), "some of it is put right"

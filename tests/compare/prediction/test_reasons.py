@@ -1,4 +1,4 @@
-"""No prediction is off by more than a factor of 3 without its reason beside it."""
+"""Every prediction that is off by more than a factor of 3 comes with its reason."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from xfrustum.scenes.model.device_model import LLVMPIPE
 from xfrustum.scenes.model.visibility import crosses_plate
 
 MAX_RATIO = 3.0
-NEARS = (1e-1, 5e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: as shares of the reach
+NEARS = (1e-1, 5e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: near offsets as fractions of the reach
 
 
 @pytest.mark.parametrize(

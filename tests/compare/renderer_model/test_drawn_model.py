@@ -1,4 +1,4 @@
-"""Images of a renderer with a mistake: levels of files, normals, changed scenes."""
+"""Images of a renderer with a defect: quantized colors, normals, changed scenes."""
 
 from collections.abc import Callable
 from dataclasses import replace

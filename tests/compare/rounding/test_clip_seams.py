@@ -1,4 +1,4 @@
-"""`seams`, where clipping may split a triangle, agrees with polygons that are cut by hand."""
+"""`seams`, along which clipping may split a triangle, agree with polygons clipped by hand."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ ROUNDING_PX = 2e-9
 
 
 def bundle(side: int, near: float = 0.1) -> RayBundle:
-    """Return the lines of a camera in the plate with a film of 90 degrees, shifted by its shear."""
+    """Return the lines of a camera in the plate, with a sheared film of 90 degrees."""
     ends = (near, 10.0) if side > 0 else (-10.0, -near)
     return RayBundle(
         center=(0.2, -0.1, 0.0),
@@ -28,14 +28,14 @@ def bundle(side: int, near: float = 0.1) -> RayBundle:
 
 
 def seen_at(places: Floats, s: Floats, lines: RayBundle) -> Floats:
-    """Return the points (N, 3) at distances s that an unshifted camera sees at places (N, 2)."""
+    """Return the points (N, 3) at distances s that an unsheared camera images at places (N, 2)."""
     u, v = places[:, 0] * 2 / SIZE - 1, 1 - places[:, 1] * 2 / SIZE
     d = np.stack((u + lines.shear[0], v + lines.shear[1], -np.ones(len(s))), axis=1)
     return np.asarray(lines.center) + s[:, None] * d
 
 
 def assert_same_segments(segments: Floats, expected: list[tuple[Floats, Floats]]) -> None:
-    """Return line segments in a canonical order, whatever their order and direction."""
+    """Assert that two sets of line segments are equal in any order and direction."""
 
     def ordered(some: Any) -> list[Any]:
         return sorted(sorted(end.tolist() for end in each) for each in np.asarray(some).round(9))
@@ -81,5 +81,5 @@ def test_no_triangle_that_is_not_clipped_has_a_seam(side: int) -> None:
     split = np.array([len(seams(triangle, lines, (0.25, -0.5))) > 0 for triangle in triangles])
     marked = clipped(triangles, lines, (0.25, -0.5))
     assert not (split & ~marked).any()
-    # Some are cut, and some are whole.
+    # Some triangles are clipped, and some are not.
     assert split.sum() > 20 and (~marked).sum() > 20

@@ -1,4 +1,4 @@
-"""Wrong pixels of images by direction: explained by snapping and depth order, else by nothing."""
+"""Images by direction: snapping and depth order explain all wrong pixels, but no defects."""
 
 import math
 from collections import Counter
@@ -55,7 +55,7 @@ def drawn(scene: Scene, pixels: Pixels, depth: DepthFormat) -> tuple[list[Number
 
 
 def judged(scene: Scene, pixels: Pixels, depth: DepthFormat) -> Counter[str]:
-    """Return numbers of shown and wrong pixels, and of wrong pixels by their causes."""
+    """Return numbers of shown pixels, wrong pixels, and wrong pixels by cause."""
     images, device = drawn(scene, pixels, depth)
     counts = Counter[str]()
     for truth, triangle in zip(true(scene, pixels), images, strict=True):
@@ -88,7 +88,7 @@ def test_rounding_explains_every_wrong_pixel_of_many_directions(
 
 
 def shifted(scene: Scene, pitches: float) -> Scene:
-    """Return a scene moved to the right by some distances of hogels."""
+    """Return a scene moved to the right by a number of pitches."""
     aside = np.array([pitches * scene.plate.size[0] / scene.plate.hogels[0], 0.0, 0.0])
     parts = tuple(replace(part, vertices=part.vertices + aside) for part in scene.objects)
     return replace(scene, objects=parts)
@@ -132,7 +132,7 @@ def sheet(left: float, right: float, z: float) -> Floats:
 @pytest.mark.parametrize("frustum", [SIDE, SCREEN], ids=["centered", "recentered"])
 @pytest.mark.parametrize("z", [60.0, 1e-7, -45.0])
 def test_a_sheet_is_displaced_by_snapping_alone(frustum: Frustum, z: float) -> None:
-    """Edges at x are seen at a = x + z d, or on the line through the screen's point."""
+    """Edges at x appear at a = x + z d, or on the line through the screen's point."""
     edges = np.array([-3.3, 1.9])
     scene = soup(sheet(*edges, z), frustum)
     pixels = [(column, 0) for column in range(16)]
@@ -156,7 +156,7 @@ def test_a_sheet_is_displaced_by_snapping_alone(frustum: Frustum, z: float) -> N
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("screened", [False, True])
 def test_the_reach_cuts_surfaces_on_both_sides(side: float, screened: bool) -> None:
-    """A ramp runs through both ends of the reach, the screen is beyond the nearer end or behind."""
+    """A ramp crosses both ends of the reach; the screen lies beyond the nearer end, or behind."""
     ramp = np.array([[(-9.0, -30.0, -70.0), (9.0, -30.0, 85.0), (0.0, 60.0, 7.5)]])
     frustum = SIDE
     if screened:
@@ -179,15 +179,15 @@ def causes_of(scene: Scene, drawn_in: DepthFormat, explained_in: DepthFormat) ->
 
 
 def test_depth_order_is_known_to_a_step_of_the_reach() -> None:
-    step = 128.0 / 2**16  # of D16, between the ends of the reach
+    step = 128.0 / 2**16  # of D16, over the whole reach
     for gap, wrong in ((0.2, True), (2.0, False)):
-        # The farther sheet is drawn first and stays where the depths are equal.
+        # The farther sheet is drawn first and remains where depths are equal.
         z = 80.0 - 2000 * step
         scene = soup(np.concatenate((sheet(-4.0, 4.0, z - gap * step), sheet(-4, 4, z))), SIDE)
         causes = causes_of(scene, D16, D16)
         assert causes.counts()["unexplained"] == 0
         assert (causes.counts()["order"] > 50) == wrong
-        # Steps of D24 are too fine for either.
+        # D24 has steps fine enough for both pairs of sheets.
         assert causes_of(scene, D24, D24).counts()["order"] == 0
         finer = causes_of(scene, D16, D24).counts()
         assert finer["unexplained"] == causes.counts()["order"]

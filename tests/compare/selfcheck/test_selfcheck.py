@@ -1,4 +1,4 @@
-"""The self-check: integers agree with fractions, and detect every defect of the truth."""
+"""The self-check: integers agree with fractions, and reveal every defect put into a truth."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -60,7 +60,7 @@ def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[Exa
 
 
 def assert_decided_as_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
-    """Cramer's rule on every triangle and every line, without boxes, gives the same answer."""
+    """Compare integers with Cramer's rule in fractions, for every triangle and line."""
     decided, bundle = all_rows(corners, frustum, aperture)
     ties: dict[tuple[int, int], list[int]] = {}
     for row, column, number in decided.ties.tolist():
@@ -94,7 +94,7 @@ def test_integers_decide_coincidences_as_fractions_do(
 
 @pytest.mark.slow
 def test_a_part_of_the_self_check_agrees() -> None:
-    """The views cover all kinds of scenes, and ties, exact decisions and proofs among pixels."""
+    """The views include all kinds of scenes, and pixels with ties, exact decisions and proofs."""
     check = selfcheck(quick=True)
     assert check.agrees, selfcheck_table(check)
     assert check.total("wrong") == 0
@@ -113,7 +113,7 @@ def test_a_part_of_the_self_check_agrees() -> None:
 
 
 def small_scene() -> Scene:
-    """Two sheets, one a quarter of the film before the other, and a copy of one triangle of it."""
+    """Return two sheets, one a quarter of the film before the other, and a duplicate triangle."""
     back = np.array(
         [[[-9, -9, -4], [9, -9, -4], [9, 9, -4]], [[-9, -9, -4], [9, 9, -4], [-9, 9, -4]]],
         dtype=float,
@@ -154,7 +154,7 @@ SPOILED: dict[str, tuple[str, Callable[[HogelImage], HogelImage]]] = {
 
 
 @pytest.mark.parametrize("kind", SPOILED)
-def test_whatever_is_wrong_is_found(kind: str) -> None:
+def test_every_spoiled_truth_disagrees(kind: str) -> None:
     about, spoil = SPOILED[kind]
     scene, aperture = small_scene(), at(0, 0)
     image = Reference(scene).trace(aperture)
@@ -173,7 +173,7 @@ def test_whatever_is_wrong_is_found(kind: str) -> None:
 def test_a_reference_that_believes_its_tracer_fails_the_self_check(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """In float32 the pixels of coinciding and nearly coinciding sheets come out in either order."""
+    """float32 returns pixels of coinciding and nearly coinciding sheets in either order."""
 
     class Believer(Reference):
         def trace(
@@ -193,7 +193,7 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(
 
 
 def by_direction(spoil: Callable[[DirectionImage], DirectionImage]) -> DirectionCheck:
-    """Check a truth by direction that is spoiled, on ties, open pixels and plain ones."""
+    """Check spoiled images by direction on ties, open pixels and plain pixels."""
 
     class Spoiled(Reference):
         def by_directions(self, *args: Any, **chosen: Any) -> Iterator[DirectionImage]:
@@ -230,7 +230,7 @@ def test_a_wrong_truth_by_direction_is_detected_twice(kind: str) -> None:
 
 
 def test_other_bits_than_by_hogel_differ() -> None:
-    """Integers allow a position its error bound, and do not distinguish proofs."""
+    """Integers accept any position within its error bound, and do not distinguish proofs."""
     check = by_direction(lambda i: replace(i, position=np.nextafter(i.position, 9.0)))
     assert check.differing > 0 and check.wrong == 0
     whole = SelfCheck(views=(), directions=(check,), sphere=None, seconds=0.0)
@@ -248,13 +248,13 @@ def test_processes_make_no_difference() -> None:
     assert serial.sphere is None
 
 
-def test_a_giant_is_refused_and_says_why() -> None:
+def test_a_giant_is_refused_with_its_reason() -> None:
     with pytest.raises(InputError, match="giant"):
         selfcheck(["hard/giant-mesh"])
 
 
 def test_no_line_from_a_spheres_center_misses_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lines through vertices and middles of edges; only a vertex's own triangles share it."""
+    """Trace through vertices and middles of edges; a vertex belongs only to its own triangles."""
     monkeypatch.setattr(module, "QUICK_SUBDIVISIONS", 3)
     check = check_sphere(quick=True)
     assert (check.triangles, check.vertices, check.edges) == (1280, 642, 1920)
@@ -262,7 +262,7 @@ def test_no_line_from_a_spheres_center_misses_it(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three vertices and three edges lose a triangle, and no line through them a hit."""
+    """Three vertices and three edges lose a triangle, but no line through them loses its hit."""
 
     def all_but_one(corners: Floats, directions: Floats) -> FirstHits:
         return first_from_center(corners[:-1], directions)
