@@ -1,4 +1,4 @@
-"""Antialiasing and band limiting by both answers: means of pictures, and of nothing but color."""
+"""Antialiasing and band limiting in reference and rasterizer: means of colors, and only colors."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -21,10 +21,10 @@ from xfrustum.scenes.arrays import Floats, Singles
 
 RESOLUTION = (48, 36)
 SETTINGS = reversed_d32f(1e-3)
-#: Number of coverage samples, which the software rasterizer and every graphics card have
+#: Number of coverage samples that the software rasterizer and every graphics card support
 FOUR = 4
 
-#: Relative rounding of a mean: each averaged image is rounded to float32 once, and so is the mean
+#: Relative rounding of a mean: each averaged image, and the mean, is rounded to float32 once
 SINGLE = 2.0**-23
 
 Ask = Callable[..., HogelImage]
@@ -33,13 +33,13 @@ Answer = Callable[[Scene], AbstractContextManager[Ask]]
 
 @contextmanager
 def traced(scene: Scene) -> Iterator[Ask]:
-    """Give the truth of an aperture, with a sampling or with the scene's own."""
+    """Yield a function that traces an aperture, with given sampling or the scene's own."""
     yield Reference(scene).trace
 
 
 @contextmanager
 def drawn(scene: Scene) -> Iterator[Ask]:
-    """Return the raster image of an aperture with a negligible near offset."""
+    """Yield a function that draws an aperture with a negligible near offset."""
     with Rasterizer(scene) as raster:
         yield lambda aperture, sampling=None: raster.render(aperture, SETTINGS, sampling=sampling)
 
@@ -71,7 +71,7 @@ def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(
 @BOTH
 @pytest.mark.parametrize("boxes", [1, 2])
 def test_an_aperture_is_the_mean_of_its_points(answer: Answer, boxes: int) -> None:
-    """With supersampling in addition it is the mean of means."""
+    """With supersampling in addition, the result is the mean of means."""
     scene = dressed_scene("asymmetric-recentered", RESOLUTION)
     aperture = scene.plate.aperture(20, 40)
     with answer(scene) as ask:
@@ -93,7 +93,7 @@ def test_an_aperture_is_the_mean_of_its_points(answer: Answer, boxes: int) -> No
         (drawn, {"multisample": FOUR}),
     ],
 )
-def test_only_color_is_averaged_as_the_scene_has_it_where_nobody_asks(
+def test_only_color_is_averaged_by_default_as_the_scene_states(
     answer: Answer, options: dict[str, int]
 ) -> None:
     scene, sampling = dressed_scene("asymmetric", RESOLUTION), Sampling(**options)
@@ -107,7 +107,7 @@ def test_only_color_is_averaged_as_the_scene_has_it_where_nobody_asks(
 
 
 def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats]:
-    """Return a scene white below a line across the film, and the share of each pixel below it."""
+    """Return a scene, white below a line across the film, and the white share of each pixel."""
     width, height = resolution
     # In pixels, to the right and up from the film's middle; the corners lie outside the film.
     far = 3.0 * width
@@ -122,7 +122,7 @@ def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats
         lit(quad(corners, "glow"), frustum=frustum, glow=GLOW),
         plate=Plate(size=(1, 1), hogels=(1, 1)),
     )
-    # The midpoint rule over columns so thin that its error is far below a code.
+    # Midpoint rule over such thin columns that its error is far below a code value
     fine = (np.arange(width * 512) + 0.5) / 512 - width / 2
     bottom = height / 2 - 1 - np.arange(height)[:, None]
     covered = np.clip(fine * slope + 0.3 - bottom, 0, 1).reshape(height, width, 512).mean(axis=2)
@@ -130,7 +130,7 @@ def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats
 
 
 def test_multisampling_agrees_with_the_covered_area_to_its_own_steps() -> None:
-    """Four points in different rows and columns of sixteen: area to a quarter, less in the mean."""
+    """Four points in different rows and columns of 16: area to a quarter; the mean is closer."""
     scene, covered = half_plane(0.37, RESOLUTION)
     with drawn(scene) as ask:
         plain, shares = (
@@ -148,7 +148,7 @@ SCREEN_HEIGHT = 30.0
 
 
 def grating(height: float, period: float, *, recentered: bool) -> Scene:
-    """Return glowing bars along y in a plane, half a period wide, on a plate of pitch 2."""
+    """Return glowing bars along y, half a period wide, over a plate of pitch 2."""
     bars = [
         quad([(x, -60, height), (end, -60, height), (end, 60, height), (x, 60, height)], "glow")
         for x, end in ((x, x + period / 2) for x in np.arange(-60.0, 60.0, period))
@@ -178,7 +178,7 @@ def discrepancy(count: int) -> float:
 def test_a_grating_as_fine_as_the_aperture_is_gray(
     answer: Answer, height: float, recentered: bool
 ) -> None:
-    """Every line sweeps one period, half of it bright: the pitch, or less toward the screen."""
+    """Each pixel sweeps one period, half of it bright: the pitch, or less near the screen."""
     count = 89
     period = PITCH * abs(1 - height / SCREEN_HEIGHT) if recentered else PITCH
     scene = grating(height, period, recentered=recentered)
@@ -186,12 +186,13 @@ def test_a_grating_as_fine_as_the_aperture_is_gray(
         sharp, gray = (ask(scene.plate.middle, Sampling(aperture=n)).color for n in (1, count))
     assert set(np.unique(sharp)) == {0, 1}
     assert 0.3 < sharp.mean() < 0.7
-    # A bar is an interval of the pitch, or all but one: each of its two ends is misjudged once.
+    # A bar covers an interval of the pitch, or all but an interval: both its ends contribute
+    # errors.
     assert np.abs(gray - 0.5).max() <= 2 * discrepancy(count) + SINGLE
     assert 2 * discrepancy(count) < 0.1
 
 
-# Features of the rasterizer alone: coverage samples, colors without other channels.
+# Features of the rasterizer alone: coverage samples, colors without other channels
 
 
 def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) -> Singles:
@@ -201,7 +202,7 @@ def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) ->
 
 @pytest.mark.parametrize("sampling", [{}, {"multisample": FOUR}, {"supersample": 2, "aperture": 4}])
 def test_color_alone_is_the_color_of_the_whole_image(sampling: dict[str, int]) -> None:
-    """Bit for bit, whatever was drawn before."""
+    """Images agree bit for bit, whatever was drawn before."""
     scene = dressed_scene("asymmetric-recentered", RESOLUTION)
     place = scene.plate.aperture(1, 2)
     with Rasterizer(scene) as raster:

@@ -1,4 +1,4 @@
-"""Culling of the paper: C leaves out back faces, C* front faces, the same for the viewer."""
+"""Culling as in the paper: C culls back faces and C* front faces, the same faces for the viewer."""
 
 import json
 from dataclasses import replace
@@ -19,7 +19,7 @@ from xfrustum.scenes.files.exr import CAMERA_JSON, read_image
 
 REACH = 40.0
 FRUSTUM = Frustum(resolution=(64, 48), reach=(REACH, REACH), fov=(radians(60), radians(50)))
-#: Near offset that displaces nothing on this film by more than 1e-4 px
+#: Near offset that displaces this film's points by less than 1e-4 px
 NEAR = 1e-7 * REACH
 
 
@@ -44,13 +44,13 @@ def test_culling_changes_no_pixel_of_closed_bodies_on_either_side(
 
 
 def square(middle: float, z: float, size: float) -> Floats:
-    """Return the corners (4, 3) of a square parallel to the plate, counterclockwise for viewers."""
+    """Return the corners (4, 3) of a square parallel to the plate, counterclockwise to viewers."""
     corners = size * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) + (middle, 0)
     return np.column_stack((corners, np.full(4, z)))
 
 
 def shows(scene: Scene, corners: Floats) -> Mask:
-    """Return the pixels whose lines meet a square, from its corners alone."""
+    """Return the pixels whose lines meet a square, computed from its corners."""
     middle = scene.plate.middle
     lines = lines_by_definition(scene, middle)
     points = np.array([middle.x, middle.y, 0.0]) - corners[0, 2] * lines
@@ -60,15 +60,15 @@ def shows(scene: Scene, corners: Floats) -> Mask:
 
 
 def squares(numbers: Numbers) -> Numbers:
-    """Return which square each pixel shows, 0 or 1; -1 where it shows none."""
+    """Return the square, 0 or 1, that each pixel shows, and -1 for none."""
     return np.where(numbers < 0, -1, numbers // 2)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_sheet_seen_from_behind_is_lost_and_what_lies_behind_it_shows(side: float) -> None:
-    """Pixels become empty precisely where the truth shows a back and nothing lies behind it.
+    """Pixels become empty exactly where the truth shows a back with nothing behind it.
 
-    A square is seen from behind, and a farther one from the front, half beside it.
+    The nearer square shows its back; the farther one shows its front, and is half covered.
     """
     heights = (0.75, 0.4) if side > 0 else (-0.4, -0.75)
     turned, other = square(0.0, heights[0] * REACH, 4.1), square(5.0, heights[1] * REACH, 5.3)

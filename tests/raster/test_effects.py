@@ -1,4 +1,4 @@
-"""Effects that a scene does not need, or only out of sight, are left out, bit for bit."""
+"""Leaving out effects that no visible surface of a scene needs changes no bit."""
 
 from dataclasses import replace
 from math import radians
@@ -23,7 +23,7 @@ from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
-#: Effects that the ball has, and nothing else in the scene
+#: Effects that only the ball needs
 MIRRORED = frozenset(
     {Effect.REFLECTION, Effect.SMOOTH_NORMALS, Effect.VERTEX_COLORS, Effect.SPECULAR}
 )
@@ -37,13 +37,13 @@ RECENTERED = Frustum(
 
 
 def mirror_ball(center: tuple[float, float, float], radius: float) -> SceneObject:
-    """A smooth, colored mirror ball."""
+    """Return a smooth, colored mirror ball."""
     part = ball(center, radius, "mirror", 2)
     return replace(part, vertex_colors=np.full(part.vertices.shape, 0.5))
 
 
 def scene(*parts: SceneObject, frustum: Frustum = CENTERED) -> Scene:
-    """A plain gray square at z = -60, and other objects."""
+    """Return a scene with a plain gray square at z = -60, and other objects."""
     whole = lit(
         card((0.0, 0.0, -60.0), (40.0, 40.0), "plain"),
         *parts,
@@ -57,7 +57,7 @@ def scene(*parts: SceneObject, frustum: Frustum = CENTERED) -> Scene:
 
 
 def assert_same_bits(request: Scene, how: DoubleFrustum) -> None:
-    """Assert equal drawings and traces with all effects and with the needed ones."""
+    """Assert that all effects and the needed effects give equal drawings and traces."""
     apertures = (request.plate.middle, request.plate.corners[0])
     content = PlateContent(color=ColorType.FLOAT32, ids=True)
     with (
@@ -102,7 +102,7 @@ BLACK = replace(SUN, color=(0.0, 0.0, 0.0))
     st.sampled_from([None, sky(), replace(sky(), strength=0.0)]),
     st.sampled_from(["flat", "smooth", "white vertices", "no normals", "colors", "textured"]),
 )
-def test_what_a_scene_does_not_call_for_changes_no_bit(
+def test_effects_that_a_scene_does_not_need_change_no_bit(
     material: Material,
     lights: tuple[DirectionalLight, ...],
     environment: Environment | None,
@@ -128,7 +128,7 @@ def test_what_a_scene_does_not_call_for_changes_no_bit(
 
 @pytest.mark.parametrize("frustum", [CENTERED, RECENTERED], ids=["centered", "recentered"])
 @pytest.mark.parametrize("center", [(900.0, 0.0, -60.0), (0.0, -900.0, 50.0)])
-def test_a_mirror_ball_beside_the_frusta_calls_for_nothing(
+def test_a_mirror_ball_beside_the_frusta_needs_no_effect(
     frustum: Frustum, center: tuple[float, float, float]
 ) -> None:
     request = scene(mirror_ball(center, 30.0), frustum=frustum)
@@ -136,8 +136,8 @@ def test_a_mirror_ball_beside_the_frusta_calls_for_nothing(
     assert_same_bits(request, DoubleFrustum(near=20.0, pivot=Pivot.CAMERA))
 
 
-def test_one_aperture_calls_for_less_than_the_plate() -> None:
-    """From the right edge of the plate the ball lies beside the frustum, stepped back or not."""
+def test_one_aperture_needs_fewer_effects_than_the_plate() -> None:
+    """Seen from the plate's right edge, the ball lies beside the frustum of any camera."""
     request = scene(mirror_ball((-155.0, 0.0, -60.0), 60.0))
     left, right = (request.plate.aperture(column, 1) for column in (0, 4))
     assert needed(request) >= MIRRORED

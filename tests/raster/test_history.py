@@ -1,4 +1,4 @@
-"""Pictures depend on their request alone, not on pictures drawn before."""
+"""Pictures depend only on their request, not on pictures drawn before."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DRAWN = ("triangle", "position", "color")
 
 
 def left_behind() -> dict[str, Callable[[], object]]:
-    """Return functions that change OpenGL states behind moderngl's back, by name."""
+    """Return functions, by name, that change OpenGL states without moderngl."""
     from OpenGL import GL  # noqa: PLC0415 - the package chooses its platform first
 
     return {
@@ -36,7 +36,7 @@ def left_behind() -> dict[str, Callable[[], object]]:
 
 
 def test_no_state_that_was_left_behind_changes_a_bit() -> None:
-    """The scene has triangles across the near planes and beyond the film on both sides."""
+    """The scene has triangles across the near planes, and beyond the film on both sides."""
     scene = view("crossing", SIZE)
     settings = DoubleFrustum(near=0.1 * scene.frustum.longest_reach, depth=DepthFormat.D24)
     for leave in left_behind().values():
@@ -48,7 +48,7 @@ def test_no_state_that_was_left_behind_changes_a_bit() -> None:
 
 
 def test_a_scene_drawn_after_many_others_in_any_order_has_the_same_bits() -> None:
-    """Rasterizers and plates of other scenes are open beside it, and draw in between."""
+    """Rasterizers and plates of other scenes stay open and draw in between."""
     scenes = [view(name, SIZE) for name in ("car", "large-triangles", "asymmetric-recentered")]
     near = [0.1 * scene.frustum.longest_reach for scene in scenes]
     settings = [

@@ -1,4 +1,4 @@
-"""Light of the rasterizer against its definition, with every flip, term and pass."""
+"""Light of the rasterizer, compared with its definition: every flip, term and pass."""
 
 import math
 from dataclasses import replace
@@ -38,8 +38,8 @@ RESOLUTION = (160, 120)
 ONE_CODE = 1 / 255
 
 #: Largest error of nearly all pixels: attributes are float32 plane equations over up to 160 pixels,
-#: evaluated with an error of about 160 2^-23 of their range; textures and highlights change up to
-#: eight times as fast
+#: with an error of about 160 2^-23 of their range; textures and highlights change up to eight times
+#: as fast as attributes
 INTERPOLATED = 8 * 160 * 2.0**-23
 
 DRESSED = ("asymmetric", "asymmetric-recentered", "car", "crossing", "large-triangles")
@@ -53,7 +53,7 @@ def drawn(
 
 
 def beyond_snapping(scene: Scene, image: HogelImage) -> Floats:
-    """Return the error of radiance (H, W, 3) beyond the device's snapping of vertices."""
+    """Return the error of radiance (H, W, 3) beyond effects of vertex snapping."""
     off = np.abs(image.color - radiance_by_definition(scene, image))
     return np.maximum(off - moved_by_snapping(scene, image, device_at_hand()), 0.0)
 
@@ -72,7 +72,7 @@ def beyond_snapping(scene: Scene, image: HogelImage) -> Floats:
 def test_radiance_is_that_of_the_definition_on_both_sides(
     name: str, settings: DoubleFrustum
 ) -> None:
-    """The scene has smooth, flat, colored, textured parts, three lights and an environment."""
+    """The scene has smooth, flat, colored and textured parts, three lights and an environment."""
     scene = dressed_scene(name, RESOLUTION)
     image = drawn(scene, settings)
     error = beyond_snapping(scene, image).max(axis=-1)
@@ -92,7 +92,7 @@ def test_traced_radiance_is_that_of_the_definition_too(name: str) -> None:
     np.testing.assert_allclose(truth.color, expected, rtol=2.0**-22, atol=1e-9)
 
 
-#: Each flip of C* as the shaders have it, and as they would without it
+#: Flips of C*: the shaders' code with each flip, and without it
 FLIPS = {
     "N*": ("return gl_FrontFacing ? normal", "return gl_FrontFacing == (conjugate > 0.0) ? normal"),
     "C*": ("return -unit(away)", "return -conjugate * unit(away)"),
@@ -102,7 +102,7 @@ FLIPS = {
 
 
 class TestFlips:
-    """Each of the paper's three flips is needed; all together they are the viewer's own light."""
+    """Each of the paper's three flips is needed; together they give the viewer's own light."""
 
     scene = dressed_scene("asymmetric", RESOLUTION)
     settings = reversed_d32f(1e-3)
@@ -138,17 +138,17 @@ class TestFlips:
     def test_with_all_undone_it_is_the_viewer_s_own_calculation(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """N, E and L with the true eye are mathematically the same (paper, section 3)."""
+        """N, E and L with the true eye give mathematically the same light (paper, section 3)."""
         right = drawn(self.scene, self.settings).color
         same = self.drawn_without(monkeypatch, *FLIPS)
         np.testing.assert_allclose(
             same, right, atol=1e-6
-        )  # signs are exact; dot products keep their bits
+        )  # changes of sign are exact, so that dot products keep their bits
 
 
 def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> None:
-    """The pictures agree with the closed form of a true sphere, computed without mesh and map."""
-    # Edges of an icosphere that was divided five times are up to 0.041 long on the unit sphere.
+    """Pictures agree with the closed form for a true sphere, computed without mesh and map."""
+    # Edges of an icosphere after five subdivisions are up to 0.041 long on the unit sphere.
     edge, rows, radius, steepest = 0.041, 128, 12.0, 3.0
     centers = ((-9.0, 6.0, -42.0), (9.0, 7.0, 38.0))
     mirror = Material(ambient=(0, 0, 0), diffuse=(0, 0, 0), reflectivity=(1.0, 0.5, 0.25))
@@ -166,9 +166,9 @@ def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> N
     assert needed(scene) == {Effect.C, Effect.C_STAR, Effect.SMOOTH_NORMALS, Effect.REFLECTION}
     image = drawn(scene, reversed_d32f(1e-6))
     d = unit(lines_by_definition(scene, at(0.0, 0.0)))
-    # A normal interpolated on a facet is off by its sagitta, angle^2 / 8, times the slope at which
-    # it is seen; a reflection by twice that. A map in steps is off by step^2 / 8 times its
-    # curvature.
+    # A normal interpolated on a facet is off by the facet's sagitta, angle^2 / 8, times the slope
+    # to the line of sight; a reflection is off by twice that. A sampled map is off by step^2 / 8
+    # times its curvature.
     tolerance = 1.5 * (2 * edge**2 / 8 * steepest) + 2 * (np.pi / rows) ** 2 / 8
     assert tolerance < 3 * ONE_CODE
     for center, side in zip(centers, (image.height < 0, image.height > 0), strict=True):
@@ -176,20 +176,20 @@ def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> N
         under = middle**2 - (np.dot(center, center) - radius**2)
         met = (middle - np.sqrt(np.maximum(under, 0)))[
             ..., None
-        ] * d  # the first, from the viewer's end
+        ] * d  # first hit, from the viewer's end
         normal = unit(met - center)
         facing = -np.einsum("...i,...i->...", normal, d)
         judged = side & (under > 0) & (facing > 1 / math.hypot(1, steepest))
         assert judged.sum() > 500
         reflection = d + 2 * facing[..., None] * normal
-        expected = 0.75 * sky_radiance(reflection) * mirror.reflectivity  # the sky's strength
+        expected = 0.75 * sky_radiance(reflection) * mirror.reflectivity  # strength of the sky
         error = np.abs(image.color - expected)[judged].max(axis=-1)
         assert error.max() < tolerance
         assert np.median(error) < ONE_CODE / 4
 
 
 @pytest.mark.parametrize("effect", thinned(Effect, 4, 1))
-def test_what_a_scene_calls_for_is_seen_to_be_missing(effect: Effect) -> None:
+def test_leaving_out_a_needed_effect_changes_the_picture(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", RESOLUTION)
     assert needed(scene) == ALL_EFFECTS
     whole = drawn(scene, reversed_d32f(0.5))

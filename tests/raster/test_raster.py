@@ -1,4 +1,4 @@
-"""The rasterizer: same bits every time, cameras that compose, formats that work, nothing leaked."""
+"""The rasterizer: identical bits, cameras that compose, formats that work, no leaks."""
 
 import os
 import subprocess
@@ -53,7 +53,7 @@ def test_c_star_over_c_is_both(name: str, depth: DepthFormat, mapping: DepthMapp
         np.testing.assert_array_equal(shown, np.where(on_top, over, under), err_msg=array)
 
 
-def test_an_image_says_who_drew_it_and_with_what() -> None:
+def test_an_image_names_its_device_and_settings() -> None:
     scene = view("asymmetric-recentered", (64, 48))
     aperture, settings = scene.plate.corners[1], reversed_d32f(0.25)
     with Rasterizer(scene) as raster:
@@ -99,7 +99,7 @@ def resident_mib() -> float:
 )
 @pytest.mark.slow
 def test_images_of_changing_formats_and_rasterizers_that_are_left_do_not_grow_the_process() -> None:
-    """A leaked target of this size is 5 MiB: 225 of them would be a gigabyte."""
+    """A leaked target of this size has 5 MiB: 225 of them would fill a gigabyte."""
     scene = view("asymmetric", (512, 512))
 
     def draw(rasterizers: int, images: int) -> None:
@@ -141,7 +141,7 @@ def test_without_usable_opengl_the_command_says_what_to_install(tmp_path: Path) 
 
 
 def images(resolution: tuple[int, int], block: int | None = None) -> tuple[HogelImage, HogelImage]:
-    """Return an image with a coarse depth buffer, and one with exact depth, whose points differ."""
+    """Return images with a coarse depth buffer and with an exact one; their points differ."""
     scene = view("crossing", resolution)
     aperture, near = scene.plate.middle, 1e-7 * scene.frustum.longest_reach
     with Rasterizer(scene) as rasterizer:

@@ -1,4 +1,4 @@
-"""Images too large for the device or memory are refused before any work."""
+"""Images too large for device or memory are refused before any work."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -38,10 +38,10 @@ def write_scene(folder: Path, resolution: int) -> Path:
     return path
 
 
-def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
+def test_an_image_beyond_device_and_memory_is_a_one_line_error(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The longest side of the device in both directions exceeds the device or the memory."""
+    """The device's longest side in both directions exceeds the device or the memory."""
     longest = longest_side()
     with pytest.raises(
         InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"
@@ -56,7 +56,7 @@ def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
     assert not out.exists()
 
 
-def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_checked_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, needed = on_film(64, 48), context.PIXEL_BYTES * 64 * 48
     monkeypatch.setattr(context, "free_memory", lambda: needed - 1)
     with pytest.raises(InputError, match=r"image of 64 x 48 pixels needs about .* GiB are free"):
@@ -69,14 +69,14 @@ def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.Monkey
         )
 
 
-def test_a_large_truth_is_foretold_and_a_small_one_is_not() -> None:
+def test_a_large_truth_is_announced_and_a_small_one_is_not() -> None:
     assert forecast(on_film(512, 512), transported=False) is None
     text = forecast(on_film(16000, 16000), transported=False)
     assert "16000 x 16000 are 256.0 million pixels" in text
-    # Bands of 2^19 pixels at most, 32 rows, however many processors share them.
+    # Bands have at most 2^19 pixels, 32 rows, for any number of processors.
     assert "traced in 500 bands" in text
     assert f"at most {16000**2 * FILE_BYTES / 2**30:.1f} GiB" in text
-    # Samples and light paths count as pixels do.
+    # Samples and light paths count like pixels.
     averaged = replace(on_film(512, 512), sampling=Sampling(supersample=2, aperture=16))
     assert "each is the mean of 64 samples" in str(forecast(averaged, transported=False))
     lit = replace(on_film(512, 512), transport=Transport(shadows=True, samples=100))

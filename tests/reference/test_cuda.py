@@ -1,11 +1,11 @@
-"""Kernels of the truth on CUDA without a card: no product of doubles fuses with a sum.
+"""CUDA kernels of the truth, tested without a card: no product of doubles fuses with a sum.
 
-Dr.Jit traces them as for a card and hands them to a stand-in for the driver (libcuda.c), which
-keeps their PTX and runs none. So this tests which instructions a driver's compiler gets, and, where
-`ptxas` is at hand (on the path or in the wheel nvidia-cuda-nvcc-cu12), that NVIDIA's own compiler
-finds nothing to fuse. It tests neither the results of a card nor atomic
-operations, read-back, speed, or anything with OpenGL.
-`test_a_card_decides_the_same_bits` needs a card and is skipped without one.
+Dr.Jit compiles the kernels as for a card and passes them to a stand-in for the driver (libcuda.c),
+which stores their PTX and runs nothing. The tests inspect the instructions that a driver's compiler
+receives. If `ptxas` is available (on the path or in the wheel nvidia-cuda-nvcc-cu12), they also
+check that NVIDIA's own compiler fuses nothing. Results of a card, atomic operations, read-back,
+speed and OpenGL are not tested. `test_a_card_decides_the_same_bits` needs a card and is skipped
+without one.
 """
 
 import os
@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-#: A program that traces the kernels of truth, gaps, points and occlusion; kernels of colors are not
-#: exact
+#: A program that traces the kernels of truth, gaps, points and occlusion. Kernels of colors are
+#: omitted: they are not exact.
 KERNELS = """
 import sys
 from dataclasses import replace
@@ -89,7 +89,7 @@ def fused(kernel: str) -> list[str]:
         takes = not products.isdisjoint(operands.split(", "))
         if operation in {"add", "sub"} and takes:
             result.append(statement[0].strip())
-        # A sign or a copy hides no product.
+        # A product remains fusible behind a change of sign or a copy.
         if operation == "mul" or (operation in {"neg", "mov"} and takes):
             products.add(target)
     return result
@@ -108,10 +108,10 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def traced(driver: Path, folder: Path, *arguments: str) -> dict[str, str]:
-    """Return the PTX of kernels with doubles, by the names of their files in a folder."""
+    """Return the PTX of kernels with doubles by file name, stored in a folder."""
     environment = {
         **os.environ,
-        "XFRUSTUM_DEVICE": "auto",  # takes the card
+        "XFRUSTUM_DEVICE": "auto",  # use the card
         "DRJIT_LIBCUDA_PATH": str(driver),
         "KERNELS": str(folder),
     }
@@ -133,13 +133,13 @@ def test_no_product_of_doubles_can_be_fused_with_a_sum(kernels: dict[str, str]) 
     assert sum(text.count("fma.rn.f64") for text in kernels.values()) > 300
     assert {name: result for name, text in kernels.items() if (result := fused(text))} == {}
     everything = "".join(kernels.values())
-    # Quotients and roots follow IEEE arithmetic, and the minimum of doubles is atomic.
+    # Quotients and roots are IEEE operations, and the minimum of doubles is atomic.
     assert "div.rn.f64" in everything and "sqrt.rn.f64" in everything and "approx" not in everything
 
 
 @pytest.mark.slow
 def test_the_inspection_finds_products_that_can_be_fused(driver: Path, tmp_path: Path) -> None:
-    """Without the remedy most kernels have some."""
+    """Without the barrier to fusion, most kernels contain such products."""
     plain = traced(driver, tmp_path, "plain")
     assert sum(len(fused(text)) for text in plain.values()) > 200
     assert fused("mul.f64 %d3, %d1, %d2;\nneg.f64 %d4, %d3;\nadd.f64 %d5, %d4, %d1;") == [
@@ -147,7 +147,7 @@ def test_the_inspection_finds_products_that_can_be_fused(driver: Path, tmp_path:
     ]
 
 
-#: A program that saves the truths of all built-in scenes and hard cases, three apertures each
+#: A program that saves the truths of all built-in scenes and hard cases, from three apertures each
 SAVED = """
 import sys
 import numpy as np
@@ -170,7 +170,7 @@ np.savez(sys.argv[1], **found)
 
 
 def test_a_card_decides_the_same_bits(tmp_path: Path) -> None:
-    """Decisions, points and normals have the same bits on a card; colors agree to rounding."""
+    """Decisions, points and normals are bit-identical on a card; colors agree to rounding."""
     result = []
     for device in ("auto", "llvm"):
         file = tmp_path / f"{device}.npz"

@@ -1,4 +1,4 @@
-"""Truth by directions: one pixel of all hogels is decided as in the images of the hogels."""
+"""Truth by direction: one pixel of all hogels, decided as in the images of the hogels."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,9 +23,9 @@ CHANNELS = ("triangle", "position", "normal", "color", "certainty")
 
 
 def small(name: str, hogels: tuple[int, int], resolution: tuple[int, int]) -> Scene:
-    """Return a scene with few hogels and pixels; aimed films of hard cases stay if they are few.
+    """Return a scene with few hogels and pixels; hard cases with small aimed films keep them.
 
-    Colors are of one sample a pixel: images by direction have no means.
+    Colors have one sample per pixel: images by direction have no means.
     """
     scene = replace(open_scene(name), sampling=Sampling())
     if max(scene.plate.hogels) > 9:
@@ -38,7 +38,7 @@ def small(name: str, hogels: tuple[int, int], resolution: tuple[int, int]) -> Sc
 def both_ways(
     scene: Scene, tile: PlateTile, every: int = 1
 ) -> Iterator[tuple[DirectionImage, dict[str, np.ndarray], set[tuple[int, ...]]]]:
-    """Yield images by direction with the same pixels and ties of the images of hogels."""
+    """Yield pairs of an image by direction and the same pixels and ties taken from hogels."""
     reference = Reference(scene)
     width, height = scene.frustum.resolution
     hogels: dict[tuple[int, int], HogelImage] = {
@@ -64,11 +64,11 @@ def both_ways(
 
 
 def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int:
-    """Hold every bit of images by direction to the images of hogels; return compared pixels."""
+    """Compare images by direction with hogels bit for bit; return the number of compared pixels."""
     compared = 0
     for image, expected, ties in both_ways(scene, tile, every):
         for name in CHANNELS:
-            # Bytes of -0 and 0 differ, and a NaN equals itself.
+            # Bytes distinguish -0 from 0, and treat equal NaNs as equal.
             ours = np.ascontiguousarray(getattr(image, name))
             assert ours.tobytes() == expected[name].tobytes(), (name, image.pixel)
         assert set(map(tuple, image.tied_triangles.tolist())) == ties
@@ -94,7 +94,7 @@ def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int
 )
 def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> None:
     scene = small(name, (6, 5), (9, 8))
-    # A tile off the corner about the middle, with other numbers of columns and rows.
+    # An off-center tile that contains the middle, with different numbers of columns and rows
     column, row = scene.plate.middle.index
     tile = PlateTile(
         plate=scene.plate, columns=range(column - 1, column + 2), rows=range(row, row + 2)
@@ -104,7 +104,7 @@ def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> Non
 
 
 def test_edge_on_triangles_leave_the_same_pixels_open() -> None:
-    """Pixel 28, 20 lies beside a triangle in its plane, which reaches the screen's height."""
+    """Pixel 28, 20 lies beside an edge-on triangle that reaches the screen's height."""
     scene = small("hard/edge-through-aperture", (9, 7), (40, 32))
     columns, rows = map(range, scene.plate.hogels)
     tile = PlateTile(plate=scene.plate, columns=columns, rows=rows)
@@ -195,9 +195,10 @@ def test_hogels_beside_a_decided_tile_are_decided_alone() -> None:
 def aimed_triangles(
     lines: PixelLines, random: np.random.Generator, side: tuple[int, int]
 ) -> np.ndarray:
-    """Return a triangle for each line, with its extreme corner on the line but for rounding.
+    """Return a triangle for each line, with an extreme corner on the line up to rounding.
 
-    The other two corners lie toward `side` in x and y, so that the first ends the projection.
+    The other two corners lie toward `side` in x and y, so that the first corner ends the triangle's
+    projection.
     """
     points, directions = lines.points().reshape(-1, 3), lines.directions().reshape(-1, 3)
     s = random.uniform(*np.array(lines.s_range) / 2, len(points))
@@ -215,7 +216,7 @@ def aimed_triangles(
 def test_corners_on_lines_are_decided_as_in_rationals(
     screen: float | None, side: tuple[int, int]
 ) -> None:
-    """A corner within a rounding of a line: a box or a row without its margin loses the pixel."""
+    """Boxes and rows need margins: else a corner one rounding off a line loses its pixel."""
     frustum = Frustum(
         resolution=(7, 5),
         reach=(40.0, 40.0),
@@ -230,7 +231,7 @@ def test_corners_on_lines_are_decided_as_in_rationals(
         triangles = aimed_triangles(lines, np.random.default_rng(seed), side)
         decided = Certifier(Triangles(triangles), lines).decide(range(21))
         exact = ExactGrid(triangles, lines)
-        # Other triangles lie within a cell of their own line, in its row and column.
+        # Other triangles lie within a cell of their own lines, in the line's row and column.
         for number in range(len(triangles)):
             place = np.unravel_index(number, decided.triangle.shape)
             meets = exact.meets(number, number) is not None

@@ -1,4 +1,4 @@
-"""Which side of a triangle the viewer sees is decided exactly."""
+"""The side of a triangle that faces the viewer is decided exactly."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def camera_bundles(frustum: Frustum, aperture: Aperture, near: float = 0.5) -> l
 def test_one_rounding_off_the_plane_through_the_center_decides(
     a: tuple[float, float, float], b: tuple[float, float, float], step: float
 ) -> None:
-    """Corners a, b and a + b from the center span a plane through it: edge-on to a last bit."""
+    """Corners a, b and a + b span a plane through the center: edge-on up to one rounding."""
     bundle, _ = camera_bundles(NARROW, at(0.0, 0.0))
     item, other = np.array(a), np.array(b)
     middle = np.asarray(bundle.center)

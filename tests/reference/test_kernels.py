@@ -1,4 +1,4 @@
-"""Kernels of Dr.Jit: the same bits on any threads and in any bands; errors without LLVM."""
+"""Dr.Jit kernels: the same bits for any number of threads and bands; errors without LLVM."""
 
 import os
 import subprocess
@@ -26,7 +26,7 @@ def assert_same_truth(item: HogelImage, other: HogelImage) -> None:
 
 
 def test_several_threads_make_the_bits_of_one() -> None:
-    """Kernels write by atomic operations in any order; decisions do not depend on it."""
+    """Kernels write with atomic operations in any order; decisions are independent of it."""
     scene = view("crossing", (128, 96))
     aperture = scene.plate.aperture(38, 31)
     with threads(1):
@@ -45,7 +45,7 @@ def test_images_in_bands_have_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.parametrize("exponent", [0.0, 1.0, 7.0, 50.0, 1000.0, 3e4, 2.5, 333.25])
 def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
-    """Near 2^-1023 Dr.Jit's own power is minus infinity."""
+    """Dr.Jit's own power function returns minus infinity near 2^-1023."""
     base = np.concatenate(
         (np.linspace(0.0, 1.0, 3001), 2.0 ** (-np.arange(990, 1080) / max(exponent, 1.0)), [-0.5])
     )
@@ -60,7 +60,7 @@ def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
 
 
 def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
-    """NaN places, as behind empty pixels, must not be read from memory."""
+    """NaN places, as in pixels without a surface, must not index memory."""
     random = np.random.default_rng(2)
     pictures = tuple(
         random.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4))

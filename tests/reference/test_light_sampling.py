@@ -1,6 +1,7 @@
-"""Colors of the reference: means in any bands and their convergence, and fitted cameras.
+"""Colors of the reference: means, their convergence, any division into bands, fitted cameras.
 
-tests/raster/test_light_raster.py tests the light of reference and rasterizer by its definition.
+tests/raster/test_light_raster.py compares the light of reference and rasterizer with its
+definition.
 """
 
 import itertools
@@ -45,7 +46,7 @@ def test_bands_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_cameras_fitted_to_a_height_see_along_lines_of_their_own() -> None:
-    """The traced model has the colors that offset cameras would draw without rounding."""
+    """The traced model has the colors of offset cameras without rounding."""
     scene = lit(card((0, 0, -50), (200, 200), "paint"), paint=Material(specular=(0.5,) * 3))
     fitted = DoubleFrustum(near=5.0, fit=20.0)
     (camera, *_) = model_cameras(scene.frustum, MIDDLE, fitted)
@@ -56,9 +57,9 @@ def test_cameras_fitted_to_a_height_see_along_lines_of_their_own() -> None:
 
 
 class TestSmoothPicture:
-    """Highlight on a card that fills a recentered film: smooth over the aperture."""
+    """A highlight on a card that fills a recentered film: radiance is smooth over the aperture."""
 
-    #: Apertures so wide that their lines differ by some 0.3 in slope
+    #: Apertures so wide that slopes of their lines differ by about 0.3
     COARSE = replace(PLATE, size=(60.0, 60.0), hogels=(3, 3))
 
     PAINT = Material(
@@ -72,7 +73,7 @@ class TestSmoothPicture:
         return replace(scene, plate=self.COARSE)
 
     def integral(self) -> Floats:
-        """Return the mean over the middle aperture, by the 20-point rule of Gauss on each axis."""
+        """Return the mean over the middle aperture by 20-point Gauss quadrature along each axis."""
         rule = np.column_stack(np.polynomial.legendre.leggauss(20)) * (10.0, 0.5)
         screen, (width, height) = SMALL.screen, SMALL.resolution
         u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
@@ -80,14 +81,15 @@ class TestSmoothPicture:
         for (x, of_x), (y, of_y) in itertools.product(rule, repeat=2):
             dx = (x - screen.center[0] + u * screen.size[0] / 2) / screen.height
             dy = (y - screen.center[1] + v * screen.size[1] / 2) / screen.height
-            # The eye vector's part along the card's normal stays; the rest of -d changes its sign.
+            # Reflection keeps the eye vector's component along the card's normal, and negates the
+            # rest.
             mirrored = np.stack(np.broadcast_arrays(dx, dy[:, None], 1.0), axis=-1)
             along = mirrored @ np.array(SUN.direction) / np.linalg.norm(mirrored, axis=-1)
             total += of_x * of_y * np.maximum(along, 0.0) ** self.PAINT.exponent
         return np.asarray(total[..., None] * SUN.color)
 
     def test_the_error_of_sub_apertures_falls_as_one_over_their_number(self) -> None:
-        """An additive recurrence has slope -1 but for a logarithm, random points -1/2."""
+        """The error falls as 1/N, but for a logarithm; with random points, as N^-1/2."""
         exact, reference = self.integral(), Reference(self.scene())
         counts = [8, 32, 128, 512]
         errors = []
@@ -99,15 +101,15 @@ class TestSmoothPicture:
         assert errors[-1] < 2e-3 * np.abs(exact).max()
 
     @pytest.mark.slow
-    def test_convergence_reaches_what_it_says(self) -> None:
-        """The error of scrambled points falls as N^-1.5 for a picture as smooth as this."""
+    def test_convergence_reaches_its_stated_error(self) -> None:
+        """For a picture as smooth as this one, the error of scrambled points falls as N^-1.5."""
         exact, reference = self.integral(), Reference(self.scene())
         result = [reference.converged(self.COARSE.middle, tolerance) for tolerance in (1e-3, 3e-5)]
         errors = [float(np.sqrt(np.mean((item.color - exact) ** 2))) for item in result]
         for item, error, tolerance in zip(result, errors, (1e-3, 3e-5), strict=True):
             assert item.error <= tolerance
-            # The error comes from 8 estimates, partly shared by pixels: Student's t with 7 degrees
-            # of freedom, at 1e-4.
+            # The error is estimated from 8 samples, partly shared by pixels: Student's t with 7
+            # degrees of freedom, at a level of 1e-4.
             assert error <= 7.1 * item.error
         order = np.log(errors[1] / errors[0]) / np.log(result[1].points / result[0].points)
         assert order < -1.1

@@ -1,4 +1,4 @@
-"""Pixel to line: the geometry of CONVENTIONS.md and of the paper's sections 3 to 5."""
+"""Lines of pixels: the geometry of CONVENTIONS.md and of the paper's sections 3 to 5."""
 
 import itertools
 
@@ -32,7 +32,7 @@ def recentered(screen: Screen, resolution: tuple[int, int] = (64, 48)) -> Frustu
 
 
 def film_corner(bundle: RayBundle, u: int, v: int, s: float) -> Floats:
-    """Return the point at s on the line of the film's corner (u, v), half a pixel outward."""
+    """Return the point at s on the line through the film's outer corner (u, v)."""
     dx, dy = bundle.dx, bundle.dy
     x = dx[-1] + (dx[-1] - dx[-2]) / 2 if u > 0 else dx[0] - (dx[1] - dx[0]) / 2
     y = dy[0] + (dy[0] - dy[1]) / 2 if v > 0 else dy[-1] - (dy[-2] - dy[-1]) / 2
@@ -57,10 +57,10 @@ def test_every_line_passes_through_the_aperture_with_the_slopes_of_the_design(na
 def test_the_offset_cameras_near_planes_coincide_at_the_plate(
     screen: Screen, aperture: Aperture, near: float
 ) -> None:
-    """The paper's condition (section 4): C and C* are pushed back until their near planes meet.
+    """The paper's condition (section 4): C and C* step back until their near planes coincide.
 
-    Recentered, they meet in one and the same window about the aperture, mirrored in both axes: C*'s
-    lines run through it the other way.
+    Recentered, both near planes have the same window about the aperture, mirrored in both axes: the
+    lines of C* pass through it in the opposite direction.
     """
     frustum = recentered(screen)
     c, c_star = (
@@ -75,7 +75,8 @@ def test_the_offset_cameras_near_planes_coincide_at_the_plate(
     viewer, back = frustum.reach
     ends = [film_corner(c, 1, 1, c.s_range[1])[2], film_corner(c_star, 1, 1, c_star.s_range[0])[2]]
     np.testing.assert_allclose(ends, [-back, viewer], rtol=1e-15)
-    # The farthest from C* is the nearest to the viewer: it has the smallest s, and is met first.
+    # The point farthest from C* is the nearest to the viewer: it has the smallest s and comes
+    # first.
     assert c_star.s_range[0] < c_star.s_range[1] == -near and c.s_range[0] == near
 
 
@@ -85,7 +86,7 @@ def test_the_offset_cameras_near_planes_coincide_at_the_plate(
 def test_both_answers_put_a_point_into_the_same_pixel(
     frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> None:
-    """Exact lines of C and C* against the matrices for OpenGL: two derivations."""
+    """Exact lines of C and C* against OpenGL matrices, derived independently."""
     bundles = [camera.bundle for camera in model_cameras(frustum, aperture, settings)]
     c, c_star = (slab_cameras(frustum, settings, orthoscopic=side) for side in (True, False))
     matrices = [

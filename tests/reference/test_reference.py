@@ -1,4 +1,4 @@
-"""First surface along every line, against brute force in rational numbers."""
+"""First surfaces along lines, compared with brute force in rational numbers."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,10 @@ from tests.support.views import lines_by_definition, view
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty
 
-#: Largest error of a point as a part of the reach: a dozen roundings of doubles
+#: Largest error of a point relative to the reach: a dozen roundings of doubles
 POSITION = 1e-12
 
-PIXELS = 60  #: pixels of each image that are held to rational numbers, chosen at random
+PIXELS = 60  #: random pixels of each image that are compared with rational numbers
 
 CASES = [
     ("car", (48, 36), (40, 30)),

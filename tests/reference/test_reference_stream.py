@@ -1,4 +1,4 @@
-"""Streams of apertures, and second opinions on demand."""
+"""Streams of apertures, and second opinions computed on demand."""
 
 import pickle
 from dataclasses import replace
@@ -26,10 +26,10 @@ def test_a_stream_has_the_images_of_each_aperture_alone() -> None:
         assert image.rendering == Rendering.from_effects(needed(scene), Sampling(aperture=3))
 
 
-def test_no_ray_is_traced_before_somebody_reads_the_second_opinion(
+def test_no_ray_is_traced_before_the_second_opinion_is_read(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The opinion belongs to the decision, also after changes of the image and in a pickle."""
+    """The second opinion refers to the decision, also after changes of the image or a pickle."""
     scene = view("car", (40, 30))
     reference, expected = Reference(scene), Reference(scene).trace(scene.plate.middle).overruled
     request: list[str] = []

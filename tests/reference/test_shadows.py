@@ -1,4 +1,4 @@
-"""Exact shadows: rational brute force, planes of many triangles, and neighbors left out."""
+"""Exact shadows: rational brute force, planes of many triangles, and excluded neighbors."""
 
 from fractions import Fraction
 
@@ -42,31 +42,31 @@ def points_on(triangles: Floats) -> tuple[Floats, Floats]:
 
 @pytest.mark.parametrize("grid", [False, True])
 def test_shadows_are_those_of_rationals(grid: bool) -> None:
-    """With corners anywhere, and on a grid, where edges, planes and points coincide."""
+    """Corners lie anywhere, or on a grid, where edges, planes and points coincide."""
     triangles = np.random.default_rng(6).uniform(-4, 4, (24, 3, 3))
     triangles = np.round(triangles) if grid else triangles
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     triangles = triangles[np.abs(normals[:, 2]) > 0.5]
     scene = soup(triangles, CENTERED)
     own, position = points_on(scene.triangles)
-    # Seen from the side of the light.
+    # Viewer and light on the same side
     facing = np.sign(scene.normals[own] @ LIGHT)[:, None]
     direction = -facing * scene.normals[own]
     hidden = ShadowedShader(scene).hidden(own, position, direction, LIGHT)
     assert 0.2 < hidden.mean() < 0.9
     for k, point in enumerate(position):
         assert hidden[k] == expected(scene.triangles, int(own[k]), point)
-    # From the other side, the light does not reach the visible side anyway.
+    # With the viewer on the other side, light does not reach the visible side anyway.
     assert not ShadowedShader(scene).hidden(own, position, -direction, LIGHT).any()
 
 
 def test_a_flat_floor_of_many_triangles_hides_no_light_from_itself(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Rounding moves points to either side of their plane; only numbers leave it out."""
+    """Rounding moves points to either side of their plane; triangles are excluded by number."""
     rng = np.random.default_rng(2)
     x, y = rng.integers(-512, 512, (2, 200, 3)) / 64
-    # A plane through corners without rounding; each triangle lies over others.
+    # The plane passes through its corners without rounding; triangles overlap.
     floor = np.stack((x, y, x / 8 + y / 4 - 3), axis=2)
     first, second = np.diff(floor, axis=1).swapaxes(0, 1)
     floor = floor[np.abs(np.cross(first, second)[:, 2]) > 1]

@@ -1,4 +1,4 @@
-"""Images by direction on OpenGL: true but for snapping in the plate, and controls that fail."""
+"""Images by direction with OpenGL: true except for snapping in the plate; controls that fail."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -61,7 +61,7 @@ def test_all_but_few_pixels_show_the_true_triangle(name: str, depth: DepthFormat
         shown += np.count_nonzero(true >= 0)
         wrong += np.count_nonzero(drawn != true)
         turned += np.count_nonzero(drawn[::-1] != true)
-    # Snapping moves edges by 1/256 of a cell, and small triangles of the car are a cell wide.
+    # Snapping moves edges by 1/256 of a cell; small triangles of the car are a cell wide.
     assert shown > 300 and wrong < 0.03 * shown < turned
 
 
@@ -80,8 +80,8 @@ def test_negated_directions_show_other_triangles() -> None:
         ("asymmetric", 1e-5),
         ("asymmetric-recentered", 1e-5),
         (BEHIND, 1e-5),
-        # Reflections of smooth normals, which a device interpolates in float32, change by some
-        # hundreds with the normal.
+        # Reflections at smooth normals, interpolated in float32, amplify errors of the normal some
+        # hundreds of times.
         ("mirror-sphere", 1e-3),
     ],
 )
@@ -95,7 +95,7 @@ def test_every_channel_is_true_where_the_triangle_is(name: str, steepness: float
             assert image.height is not None and image.normal is not None
             same = (image.triangle == truth.triangle) & (truth.triangle >= 0)
             assert same.sum() > 100 and truth.color is not None and truth.normal is not None
-            # Both shade the exact point of a pixel, in floats whose roundings are some 1e-6.
+            # Both shade the exact point of a pixel, in floats with relative errors of about 1e-6.
             np.testing.assert_allclose(image.color[same], truth.color[same], rtol=0, atol=steepness)
             # The point is computed in double precision and rounded once.
             np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Many hogels at once are the same hogels: bit for bit, whatever is culled, batched or shared."""
+"""Plates of hogels are bit-identical to single hogels, with culling, batches and shared work."""
 
 import itertools
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ CULLED = [
 
 
 def some_apertures(scene: Scene) -> list[Aperture]:
-    """The apertures: two neighbors, so that they share a submission, and a corner."""
+    """Return two neighbors, so that they share a submission, and a corner."""
     column, row = scene.plate.middle.index
     return [scene.plate.middle, scene.plate.aperture(column + 1, row), scene.plate.corners[0]]
 
@@ -65,7 +65,7 @@ def checked_one_by_one(
     apertures: Sequence[Aperture],
     effects: frozenset[Effect] | None = None,
 ) -> float:
-    """Assert that every image is the rasterizer's own; return the share of covered pixels."""
+    """Assert that every image equals the rasterizer's; return the share of covered pixels."""
     covered = []
     content = replace(EVERYTHING, effects=effects)
     with PlateRenderer(scene, chosen, content) as plate, Rasterizer(scene, effects) as rasterizer:
@@ -84,7 +84,7 @@ def checked_one_by_one(
     thinned(
         [
             # With near at 1e-4 of the reach, 16 bits leave many ties, which the drawing order
-            # decides.
+            # breaks.
             *(
                 (
                     "asymmetric-recentered",
@@ -157,7 +157,7 @@ def assert_same(item: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None
 
 
 def test_without_layers_hogels_are_drawn_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No version of OpenGL promises that a vertex may choose its layer."""
+    """No version of OpenGL requires support for vertex shaders that choose a layer."""
     monkeypatch.setattr(
         "xfrustum.raster.plate.renderer.lets_vertices_choose_layers", lambda _: False
     )
@@ -175,7 +175,7 @@ def test_other_renderers_may_draw_while_a_stream_is_open() -> None:
     chosen = DoubleFrustum(near=0.1)
     row = [scene.plate.aperture(column, 20) for column in range(40)]
     with PlateRenderer(scene, chosen, EVERYTHING) as plate:
-        next(plate.hogels(row[::-1]))  # a stream may be left, and another begun
+        next(plate.hogels(row[::-1]))  # a stream may be abandoned, and another begun
         alone = list(plate.hogels(row))
         with Rasterizer(view("crossing", (24, 18))) as other:
             disturbed = []
@@ -195,7 +195,7 @@ def test_compact_colors_are_the_full_ones_rounded() -> None:
             result[color] = hogel.color
     full = result[ColorType.FLOAT32]
     assert full.shape == (36, 48, 3) and 0 < full.max() <= 1
-    # A device may round either way: one unit in the last place of the type.
+    # A device may round either way, by one unit in the last place of the type.
     assert np.abs(result[ColorType.FLOAT16].astype(np.float64) - full).max() <= 2.0**-11
     assert np.abs(result[ColorType.UINT8] - 255 * full.astype(np.float64)).max() <= 1.0
 
@@ -209,7 +209,7 @@ RECENTERED = Frustum(
 
 
 def scattered(seed: int, count: int, size: float) -> Floats:
-    """Return triangles (F, 3, 3) of some size whose middles lie around the plate."""
+    """Return triangles (F, 3, 3) of one size, with their middles around the plate."""
     random = np.random.default_rng(seed)
     middle = random.uniform(-1, 1, (count, 1, 3)) * (12, 12, 25)
     return np.asarray(middle + random.normal(scale=size, size=(count, 3, 3)))
@@ -225,12 +225,12 @@ def scattered(seed: int, count: int, size: float) -> Floats:
 def test_culling_loses_no_pixel_of_triangles_of_any_size(
     seed: int, size: float, frustum: Frustum, near: float
 ) -> None:
-    """Huge triangles, across the plate and behind the camera, are kept as well."""
+    """Huge triangles, across the plate and behind the camera, are tested too."""
     scene = soup(scattered(seed, 60, size), frustum)
     apertures = [
         scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))
     ]
-    # Small triangles may cover no pixel of an image: both must be alike nevertheless.
+    # Small triangles may cover no pixel of an image; empty images must agree too.
     assert checked_one_by_one(scene, reversed_d32f(near), apertures) >= 0
 
 
@@ -248,7 +248,7 @@ def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
         left, right = np.sort(random.integers(0, FILM[0], 2)).tolist()
         top, bottom = np.sort(random.integers(0, FILM[1], 2)).tolist()
         parts[column, row] = FilmPart(columns=(left, right), rows=(top, bottom))
-    # One pixel, in a corner of the film.
+    # A single pixel, in a corner of the film
     parts[60, 44] = FilmPart(columns=(95, 95), rows=(0, 0))
     apertures = [scene.plate.aperture(*index) for index in parts]
     with PlateRenderer(scene, DoubleFrustum(near=1.0), EVERYTHING) as renderer:

@@ -1,4 +1,4 @@
-"""The truth is exact: it agrees with rational arithmetic, whatever way a scene is described in."""
+"""The truth agrees with rational arithmetic, however a scene is described."""
 
 import numpy as np
 from hypothesis import given
@@ -16,7 +16,7 @@ from xfrustum.scenes.arrays import Floats
 
 @st.composite
 def exact_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
-    """Return scenes with corners on lines and in the aperture, shared edges, and twins."""
+    """Draw scenes with corners on lines and in the aperture, shared edges, and duplicates."""
     frustum, aperture = draw(frusta(exact=True)), draw(apertures())
     lines = lines_by_definition(soup(np.eye(3)[None], frustum), aperture).reshape(-1, 3)
     center = np.array([aperture.x, aperture.y, 0.0])
@@ -25,7 +25,7 @@ def exact_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
 
 @st.composite
 def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
-    """Return scenes whose edges lines miss by one rounding."""
+    """Draw scenes with edges that lines miss by a single rounding."""
     frustum, aperture = draw(frusta()), draw(apertures())
     bundle = crossed_frustum(frustum, aperture)
     lines = bundle.directions().reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Occlusion of surface points is decided as by rational arithmetic."""
+"""The occlusion of surface points agrees with rational arithmetic."""
 
 from fractions import Fraction
 
@@ -24,7 +24,7 @@ def hidden(corners: Floats, bundle: RayBundle, points: SurfacePoints, frustum: F
 
 
 def surface_points(position: Floats, triangle: ArrayLike, tolerance: float) -> SurfacePoints:
-    """Return points (N, 3) on a triangle each, all known to the same tolerance."""
+    """Return points (N, 3), each on a triangle, all with one tolerance."""
     count = len(position)
     return SurfacePoints(
         position=position,
@@ -36,10 +36,10 @@ def surface_points(position: Floats, triangle: ArrayLike, tolerance: float) -> S
 def hides(
     point: tuple[Floats, int, float], bundle: RayBundle, number: int, corners: Floats
 ) -> bool:
-    """Return whether a triangle hides a point of another one, in rational numbers.
+    """Return whether a triangle hides a point of another triangle, in rational numbers.
 
-    It is met on the point's own line, before the tolerance, and its plane is farther from the
-    point than the tolerance.
+    The triangle meets the point's line before the tolerance, and the point's distance from the
+    triangle's plane exceeds the tolerance.
     """
     (position, own, tolerance), center = point, np.array(bundle.center)
     s = center[2] - position[2]
@@ -57,7 +57,7 @@ def hides(
 def points_of(
     draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[float]
 ) -> SurfacePoints:
-    """Return points off the plate: on named triangles, and anywhere."""
+    """Return points off the plate, on named triangles and elsewhere."""
     number = draw(st.lists(st.integers(0, len(corners) - 1), min_size=1, max_size=6))
     shares = [
         draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)]))
@@ -76,10 +76,10 @@ def points_of(
 @pytest.mark.parametrize("coordinates", [EIGHTHS, ANYTHING], ids=["eighths", "anything"])
 @examples(30)
 @given(data=st.data())
-def test_a_point_is_hidden_where_rational_arithmetic_says_so(
+def test_hidden_points_are_those_of_rational_arithmetic(
     coordinates: st.SearchStrategy[float], data: st.DataObject
 ) -> None:
-    # Coordinates of eighths make lines run through edges, corners and planes exactly.
+    # With multiples of 1/8 as coordinates, lines run exactly through edges, corners and planes.
     corners = data.draw(triangles(coordinates=coordinates))
     frustum = data.draw(frusta())
     bundle = crossed_frustum(frustum, data.draw(apertures()))
@@ -95,13 +95,13 @@ FRUSTUM = view("sheets", (16, 16)).frustum
 
 
 def test_surfaces_closer_than_float32_resolves_hide_each_other() -> None:
-    """Two sheets a hundredth of a float32 rounding apart: the farther one is hidden alone."""
+    """Two sheets are a hundredth of a float32 rounding apart: only the farther one is hidden."""
     gap, large = 6.0 * 2.0**-24 / 100, np.array([[-9.0, -9, 0], [9, -9, 0], [0, 18, 0]])
     corners = np.stack((large - [0, 0, 6], large - [0, 0, 6 + gap]))
     bundle, xy = crossed_frustum(FRUSTUM, at(0.0, 0.0)), np.indices((5, 5)).reshape(2, -1).T / 2 - 1
     for own in (0, 1):
         position = np.insert(xy, 2, corners[own, 0, 2], axis=1)
-        # Known less exactly than the sheets lie apart, each point lies on both of them.
+        # The tolerance of each point now exceeds the distance of the sheets: it lies on both.
         for tolerance, is_hidden in ((gap / 4, own == 1), (4 * gap, False)):
             points = surface_points(position, own, tolerance)
             assert (hidden(corners, bundle, points, FRUSTUM) == is_hidden).all()
@@ -114,11 +114,12 @@ THROUGH = ([-1.5, -2.5, -4.5], [0.0, 4.0, 0.0], [3.0, 0.5, 9.0])
 @pytest.mark.parametrize(
     ("sheet", "cells", "y"),
     [
-        # Lines meet the sheet's plane at angles of some 1e-5: where rounding moves a point by 1e-6
-        # behind it, its line met it 0.1 before, in another triangle of the finest sheet.
+        # Lines meet the sheet's plane at angles of about 1e-5. A point that rounding moves 1e-6
+        # behind the plane has a line that met the plane 0.1 earlier, in another triangle of the
+        # finest sheet.
         *((FLAT, (1, finer), 0.0) for finer in (1, 10, 1000)),
         # Every line to a point of the plane lies in the plane, but rounded points lie beside it:
-        # their lines meet the triangle about the aperture at s = 0.
+        # their lines meet the triangle around the aperture at s = 0.
         *((THROUGH, cells, 0.25) for cells in ((1, 1), (16, 32))),
     ],
 )
@@ -137,7 +138,7 @@ def test_a_sheet_does_not_hide_its_own_points_however_fine_it_is(
     random = np.random.default_rng(11)
     number = random.integers(0, len(corners), 400)
     exact = np.einsum("ij,ijk->ik", random.dirichlet((1, 1, 1), 400), corners[number])
-    # As float32 stores them, known to 16 of its roundings.
+    # Points as float32 stores them, with a tolerance of 16 roundings.
     stored, tolerance = (
         exact.astype(np.float32).astype(float),
         16 * 2.0**-24 * np.abs(corners).max(),
@@ -147,7 +148,7 @@ def test_a_sheet_does_not_hide_its_own_points_however_fine_it_is(
 
 
 def test_many_layers_hide_what_lies_behind_them() -> None:
-    """There are more pairs than there is room for at first."""
+    """The number of pairs exceeds the initial capacity."""
     layer = np.array([[-90.0, -90, 0], [90, -90, 0], [0, 180, 0]])
     corners = layer - np.array([0.0, 0.0, 1.0]) * (1 + np.arange(40) / 8)[:, None, None]
     position = np.array([(x, 0.5, z) for x in np.linspace(-3, 3, 12) for z in (-0.5, -3.0, -9.0)])

@@ -1,4 +1,4 @@
-"""Gaps: the distances behind each pixel's surface at which the same camera sees the next one."""
+"""Gaps: distance from each pixel's surface to the next surface that the same camera draws."""
 
 import math
 
@@ -11,11 +11,11 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
 from xfrustum.scenes.arrays import Floats
 
-#: Largest difference of equal gaps as a part of the reach: far above rounding, far below any gap
+#: Largest difference of equal gaps relative to the reach: far above rounding, far below all gaps
 ALIKE = 1e-9
 
-#: Rounding of two surfaces' heights relative to |z|: a dozen of 2^-53 in sums several times as
-#: large
+#: Rounding of two surfaces' heights relative to |z|: a dozen roundings of 2^-53, in sums several
+#: times as large
 ROUNDED = 1e-13
 
 #: Height 1e-11 from a square at 3, relative
@@ -30,7 +30,7 @@ def level_squares(heights: list[float], half_size: float = 100.0) -> Floats:
 
 
 def on_film(random: np.random.Generator, count: int) -> Floats:
-    """Return triangles behind the plate, on the left of the film, and before it, on the right."""
+    """Return triangles behind the plate at the left of the film, and before it at the right."""
     slopes = random.uniform(-0.7, 0.7, (count, 3, 2))
     side = np.where(np.arange(count) % 2, 1.0, -1.0)[:, None]
     slopes[..., 0] = -side * np.abs(slopes[..., 0])
@@ -39,7 +39,7 @@ def on_film(random: np.random.Generator, count: int) -> Floats:
 
 
 def by_brute_force(scene: Scene) -> Floats:
-    """Return the gaps of all pixels by textbook formulas, from all triangles."""
+    """Return the gaps of all pixels, computed by textbook formulas from all triangles."""
     aperture, reach = scene.plate.middle, scene.frustum.reach
     center = np.array([aperture.x, aperture.y, 0.0])
     lines = lines_by_definition(scene, aperture).reshape(-1, 3)
@@ -65,7 +65,7 @@ FRUSTA = [
 @pytest.mark.parametrize("frustum", FRUSTA, ids=["centered", "recentered"])
 @pytest.mark.parametrize("seed", range(6))
 def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
-    """The triangles lie loose on both sides, through the plate, and around the aperture."""
+    """Loose triangles lie on both sides of the plate, across it, and around the aperture."""
     random = np.random.default_rng(seed)
     scene = soup(np.concatenate((on_film(random, 16), random.uniform(-10, 10, (2, 3, 3)))), frustum)
     reference = Reference(scene)
@@ -84,7 +84,7 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
 @pytest.mark.parametrize(
     ("heights", "drawn", "gap"),
     [
-        # C: nearest and second nearest; C*: farthest and next toward the plate; never mixed.
+        # C sorts from nearest to farthest; C*, from farthest to nearest the plate; they never mix.
         ([-5.0, -3.0, -8.0], False, 2.0),
         ([5.0, 3.0, 8.0], False, 3.0),
         ([5.0, -3.0, -8.0], False, math.inf),
@@ -92,13 +92,13 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
         ([0.0, -4.0, -5.0], False, 4.0),
         ([-3.0], False, math.inf),
         ([-3.0, -9.5], False, math.inf),  # beyond the reach
-        # The next surface with a smaller number, which is drawn earlier.
+        # The next surface has a smaller number, hence is drawn earlier.
         ([-3.0, -5.0, -8.0], True, math.inf),
         ([-8.0, -3.0, -5.0], True, 5.0),
         ([5.0, 8.0, 3.0], True, 3.0),
         ([3.0, -5.0, 8.0], True, 5.0),
         ([8.0, 3.0, 5.0], True, math.inf),
-        # A few roundings apart, and coincident.
+        # Surfaces a few roundings apart, and coincident surfaces
         ([-3.0, -CLOSE], False, CLOSE - 3),
         ([-3.0, -3.0], False, math.inf),
         ([-3.0, -3.0, -4.0], False, 1.0),

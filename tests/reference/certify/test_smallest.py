@@ -1,4 +1,4 @@
-"""The truth holds for the smallest and largest numbers of scenes; smaller are refused."""
+"""The truth is exact for the smallest and largest coordinates; smaller ones raise InputError."""
 
 import math
 from dataclasses import replace
@@ -22,7 +22,7 @@ FRUSTUM = Frustum(resolution=(5, 4), reach=(1e30, 1e30), fov=(math.radians(60), 
 
 
 def magnitudes(low: float, high: float) -> st.SearchStrategy[float]:
-    """Return numbers of any size between two, with either sign and few or many digits; and zero."""
+    """Return numbers of any magnitude between limits: either sign, few or many digits; and zero."""
     size = st.floats(math.log2(low), math.log2(high)).map(lambda e: 2.0**e)
     short = st.integers(math.ceil(math.log2(low)), math.floor(math.log2(high))).map(
         lambda e: 2.0**e
@@ -33,7 +33,7 @@ def magnitudes(low: float, high: float) -> st.SearchStrategy[float]:
 
 @st.composite
 def extreme_triangles(draw: st.DrawFn) -> Floats:
-    """Return triangles with coordinates of one or of many sizes, some one step beside others."""
+    """Return triangles with coordinates of one or many magnitudes, some a rounding step apart."""
     result: list[Floats] = []
     for _ in range(draw(st.integers(1, 4))):
         kind = draw(st.sampled_from(["any", "one size", "beside"]))
@@ -53,7 +53,7 @@ def extreme_triangles(draw: st.DrawFn) -> Floats:
             any_size = magnitudes(SMALLEST_COORDINATE, draw(st.sampled_from([1e-70, LONGEST])))
             result.append(np.array(draw(st.lists(any_size, min_size=9, max_size=9))).reshape(3, 3))
     triangles = np.array(result)
-    # One step may lead beyond the range.
+    # A rounding step may lead out of the range.
     triangles[np.abs(triangles) > LONGEST] = LONGEST
     triangles[np.abs(triangles) < SMALLEST_COORDINATE] = 0.0
     return triangles
@@ -61,7 +61,7 @@ def extreme_triangles(draw: st.DrawFn) -> Floats:
 
 def extreme_frusta() -> st.SearchStrategy[Frustum]:
     def screen(height: float, center: tuple[float, float], size: tuple[float, float]) -> Screen:
-        # Rounded up, so that it is no smaller than is allowed.
+        # Rounded up, so that the number stays within the allowed range.
         least = 2 * abs(height) * SMALLEST_SLOPE * 1.001
         return Screen(height=height, center=center, size=(max(size[0], least), max(size[1], least)))
 

@@ -1,4 +1,4 @@
-"""True and replayed views against whole hogels and rational brute force."""
+"""True views and replayed views, compared with whole hogels and rational brute force."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ EYE = Eye(position=(7.0, -4.0, 500.0), resolution=(60, 45))
 
 
 def coarse(scene: Scene) -> Scene:
-    """Return a scene with a plate of 12 x 9 hogels, with many pixels of each in a view."""
+    """Return the scene with a plate of 12 x 9 hogels, so that a view has many pixels of each."""
     return replace(scene, plate=replace(scene.plate, hogels=(12, 9)))
 
 
@@ -54,7 +54,7 @@ def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(name: str) -
 def exact_ray(
     scene: Scene, eye: Eye, column: int, row: int
 ) -> tuple[list[Fraction], list[Fraction]]:
-    """Return eye and plate point of a ray by definition: centers of equal cells of the plate."""
+    """Return a ray's eye and plate point by definition: centers of equal cells of the plate."""
     (width, height), (across, down) = map(Fraction, scene.plate.size), eye.resolution
     target = [Fraction(2 * column + 1, 2 * across) * width - width / 2]
     target += [height / 2 - Fraction(2 * row + 1, 2 * down) * height, Fraction(0)]
@@ -62,7 +62,7 @@ def exact_ray(
 
 
 def film(scene: Scene, column: int, row: int) -> tuple[Floats, Floats]:
-    """Return shear and half-extent of a hogel's film by the definition."""
+    """Return shear and half-extent of a hogel's film by definition."""
     screen, aperture = scene.frustum.screen, scene.plate.aperture(column, row)
     if screen is None:
         return np.zeros(2), np.array([math.tan(angle / 2) for angle in scene.frustum.fov or ()])
@@ -73,7 +73,7 @@ def film(scene: Scene, column: int, row: int) -> tuple[Floats, Floats]:
 def expected_pixel(
     scene: Scene, eye: Eye, column: int, row: int
 ) -> tuple[int, int, int, int] | None:
-    """Return hogel and pixel that a ray takes, in rationals; None if it takes none."""
+    """Return the hogel and the pixel that a ray meets, in rational numbers; None if none."""
     start, target = exact_ray(scene, eye, column, row)
     slope = [(target[axis] - start[axis]) / start[2] for axis in range(2)]
     size, hogels = [Fraction(s) for s in scene.plate.size], scene.plate.hogels
@@ -92,7 +92,7 @@ def expected_pixel(
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
 def test_every_ray_takes_the_hogel_and_the_pixel_of_the_definition(name: str) -> None:
     scene = view(name, (64, 48))
-    # A prime number of rays, so that none meets the border of two hogels.
+    # The number of rays is prime, so that no ray meets a border between two hogels.
     eye = replace(EYE, resolution=(37, 29), position=(11.0, -6.0, 330.0))
     pixels = EyeReference(scene).replay(eye).shown
     for row in range(0, 29, 4):
@@ -107,7 +107,7 @@ def test_every_ray_takes_the_hogel_and_the_pixel_of_the_definition(name: str) ->
     "name", kept(["crossing", "asymmetric", "asymmetric-recentered"], ["asymmetric"])
 )
 def test_rays_of_the_true_view_meet_what_brute_force_in_rationals_meets(name: str) -> None:
-    """Hold some rays to all triangles; replayed pixels are held to whole hogels above."""
+    """Compare some rays with all triangles; pixels of the replayed view are compared above."""
     scene, eye = view(name, (64, 48)), replace(EYE, resolution=(120, 90))
     eyes = EyeReference(scene)
     true, bundle = eyes.true_view(eye, shaded=False), eyes.bundle(eye)
@@ -115,7 +115,7 @@ def test_rays_of_the_true_view_meet_what_brute_force_in_rationals_meets(name: st
     center = np.array(bundle.center)
     for row, column in random.choice(covered, 20, replace=False).tolist():
         line = np.array([bundle.dx[column], bundle.dy[row], -1.0])
-        # Triangles surely missed are left out.
+        # Omit triangles that the ray certainly misses.
         numbers = np.flatnonzero(possible_pairs(scene.triangles - center, line[None])[0])
         _, winners = exact_first(scene.triangles[numbers], center, line, bundle.s_range)
         assert true.triangle[row, column] == numbers[winners[0]]
@@ -124,12 +124,12 @@ def test_rays_of_the_true_view_meet_what_brute_force_in_rationals_meets(name: st
 def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> None:
     scene = view("crossing", (64, 48))
     eyes = EyeReference(scene)
-    tent = eyes.replay(replace(EYE, beam="tent"))  # type: ignore[arg-type]  # names are taken
+    tent = eyes.replay(replace(EYE, beam="tent"))  # type: ignore[arg-type]  # fields by name
     weights = np.zeros((45, 60))
     for part in tent.colors:
         weights += np.multiply.outer(part.row_weight, part.column_weight)
     inner = np.ix_(tent.shown.rows, tent.shown.columns)
-    # Rounding of four products and three sums of numbers below one.
+    # Rounding of four products and three sums of numbers below 1
     assert np.abs(weights[inner] - 1).max() < 1e-15 * 8
     pupil = eyes.replay(replace(EYE, pupil=4.0))
     total = sum(

@@ -1,4 +1,4 @@
-"""Plugin of pytest: `ExactIntersector` in place of both of trimesh's classes for rays."""
+"""pytest plugin that replaces both ray classes of trimesh by `ExactIntersector`."""
 
 from trimesh.ray import ray_pyembree, ray_triangle
 

@@ -1,4 +1,4 @@
-"""Points inside of, on and outside of closed surfaces, against rationals along other directions."""
+"""Points in, on and outside closed surfaces, compared with rationals along other directions."""
 
 from fractions import Fraction
 
@@ -23,7 +23,7 @@ FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
 
 @st.composite
 def tetrahedra(draw: st.DrawFn) -> Floats:
-    """Return faces of tetrahedra that may touch, coincide, overlap, or be flat: closed surfaces."""
+    """Draw tetrahedra that may touch, coincide, overlap or be flat; return their faces."""
     corner = points(draw(st.sampled_from([GRID, SMALL])))
     corners = np.array(draw(st.lists(corner, min_size=4, max_size=8)))
     number = st.integers(0, len(corners) - 1)
@@ -33,7 +33,7 @@ def tetrahedra(draw: st.DrawFn) -> Floats:
 
 
 def on_triangle(corners: Floats, point: Floats) -> bool:
-    """Return whether a point lies in a closed triangle, with area or without, in rationals."""
+    """Return whether a point lies in a triangle, border included, in rational numbers."""
     a, b, c, p = ([Fraction(x) for x in row] for row in (*corners.tolist(), point.tolist()))
     for start, end in ((a, b), (b, c), (c, a)):
         along = [e - s for s, e in zip(start, end, strict=True)]
@@ -42,12 +42,12 @@ def on_triangle(corners: Floats, point: Floats) -> bool:
         share = sum(x * y for x, y in zip(along, offset, strict=True)) / length if length else 0
         if 0 <= share <= 1 and offset == [share * x for x in along]:
             return True
-    # Off its edges: two lines through the point that meet it there.
+    # The point is on no edge: test where two lines through it meet the triangle's plane.
     return any(exact_s(corners, point, np.roll([1.0, 0.0, 0.0], k)) == 0 for k in range(3))
 
 
 def crossings(triangles: Floats, point: Floats) -> int:
-    """Return the number of triangles met along a direction that passes no edge, in rationals."""
+    """Return the number of triangles met along a direction that avoids all edges, in rationals."""
     rng = np.random.default_rng(5)
     start = [Fraction(x) for x in point.tolist()]
     offsets = [
@@ -60,7 +60,7 @@ def crossings(triangles: Floats, point: Floats) -> int:
         for a, b, c in offsets:
             normal = cross(difference(b, a), difference(c, a))
             if dot(a, normal) == 0:
-                continue  # without area, or in a plane with the point, which is not on it
+                continue  # without area, or coplanar with a point outside the triangle
             sides = [dot(d, cross(a, b)), dot(d, cross(b, c)), dot(d, cross(c, a))]
             generic &= 0 not in sides
             crossed = min(sides) > 0 or max(sides) < 0
@@ -72,7 +72,7 @@ def crossings(triangles: Floats, point: Floats) -> int:
 @examples(60)
 @given(st.data(), tetrahedra())
 def test_points_are_located_as_by_rationals(data: st.DataObject, triangles: Floats) -> None:
-    """Points at vertices, above and below them, on edges and faces, and anywhere."""
+    """Test points at vertices, above and below them, on edges and faces, and elsewhere."""
     size = float(np.abs(triangles).max()) or 1.0
     places = []
     for corners in triangles[:: data.draw(st.integers(1, 3))]:
@@ -90,7 +90,7 @@ def test_points_are_located_as_by_rationals(data: st.DataObject, triangles: Floa
 
 
 def test_a_cavity_is_outside_and_touching_boxes_have_no_wall_between() -> None:
-    """Both walls count; the common face of two boxes is on the surface, and nothing else is."""
+    """Points on either wall are on the surface, and so are points of the boxes' common face."""
     outer, hole = trimesh.creation.box(extents=[2, 2, 2]), trimesh.creation.box(extents=[1, 1, 1])
     hole.invert()
     mesh = trimesh.util.concatenate([outer, hole])
@@ -103,13 +103,13 @@ def test_a_cavity_is_outside_and_touching_boxes_have_no_wall_between() -> None:
     assert located.tolist() == [on, inner, on]
 
 
-def test_an_open_mesh_is_refused_and_says_how_many_edges() -> None:
+def test_an_open_mesh_is_refused_with_its_number_of_open_edges() -> None:
     box = trimesh.creation.box()
     box.update_faces(np.arange(12) > 0)
     assert open_edges(np.array(box.triangles)) == 3
     with pytest.raises(InputError, match="3 edges are open"):
         ExactIntersector(box).locate_points([[0, 0, 0]])
-    # The missing triangle is not above: along +z the box is whole.
+    # The missing triangle is not above the point: along +z the box looks complete.
     places = [[0, 0, 0], [0, 0, 5]]
     upright = ExactIntersector(box).locate_points(places, closed=False)
     assert upright.tolist() == [Location.INSIDE, Location.OUTSIDE]

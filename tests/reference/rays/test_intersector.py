@@ -1,4 +1,4 @@
-"""The interface of trimesh: its own tests, ties, keywords, copies, and refusals in one line."""
+"""The interface of trimesh: its own tests, ties, keywords, copies, and one-line errors."""
 
 import copy
 import os
@@ -21,7 +21,7 @@ UP = [[0.0, 0.0, 1.0]]
 
 @pytest.fixture
 def box() -> trimesh.Trimesh:
-    """Return the unit cube about the origin; the middle of each side lies on its diagonal."""
+    """Return the unit cube about the origin; the middle of each side lies on a diagonal."""
     mesh = trimesh.creation.box()
     mesh.ray = ExactIntersector(mesh)
     return mesh
@@ -29,7 +29,7 @@ def box() -> trimesh.Trimesh:
 
 @pytest.mark.slow
 def test_trimeshs_own_tests_pass() -> None:
-    """A checkout of trimesh, of the version in requirements.lock, runs its tests/test_ray.py."""
+    """Run tests/test_ray.py of a checkout of trimesh, in the version of requirements.lock."""
     folder = os.environ.get("XFRUSTUM_TRIMESH")
     if folder is None:
         pytest.skip("XFRUSTUM_TRIMESH names no checkout of trimesh, with its tests and models")
@@ -37,7 +37,7 @@ def test_trimeshs_own_tests_pass() -> None:
         pytest.skip("manifold3d is not installed, which one of trimesh's tests needs")
     plugin = "in_place_of_trimesh"
     command = [sys.executable, "-m", "pytest", "-q", "-p", plugin, "-p", "no:cacheprovider"]
-    # By its own folder: a package `tests` of trimesh would hide this one.
+    # Run in its folder: its package `tests` would hide this project's.
     path = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
     run = subprocess.run(
         [*command, "tests/test_ray.py"],
@@ -66,7 +66,7 @@ def test_a_shared_edge_is_one_place_and_all_its_triangles(box: trimesh.Trimesh) 
     assert len(box.ray.intersects_location(below, UP, max_hits=1)[0]) == 1
     nearest, _, point = box.ray.intersects_id(below, UP, multiple_hits=False, return_locations=True)
     assert nearest.tolist() == [first[0]] and point.tolist() == [[0, 0, -0.5]]
-    # Embree's class, which takes `scale_to_box`, returns one triangle for each place.
+    # Embree's class, which has the option `scale_to_box`, returns one triangle for each place.
     assert ExactIntersector(box, scale_to_box=False).intersects_id(below, UP)[0].tolist() == [
         first[0],
         second[0],
@@ -78,14 +78,15 @@ def test_first_hits_have_certainties_and_ties(box: trimesh.Trimesh) -> None:
     first = box.ray.first(starts, UP * 4)
     assert first.certainty.tolist()[:3] == [Certainty.PROVEN, Certainty.TIE, Certainty.PROVEN]
     assert first.t.tolist()[:2] == [1.5, 1.5] and np.isnan(first.t[2])
-    # Along a side of the box, in its plane: the bottom has an edge there, the side is not met.
+    # Along a side of the box, in the side's plane: the bottom has an edge there; the side is not
+    # met.
     assert first.triangle[2] == -1 and first.triangle[3] >= 0 and first.t[3] == 1.5
     assert first.ties.tolist() == [[1, n] for n in sorted(first.ties[:, 1])]
     assert box.ray.intersects_first(starts, UP * 4).tolist() == first.triangle.tolist()
     assert box.ray.intersects_any(starts, UP * 4).tolist() == [True, True, False, True]
 
 
-def test_a_ray_meets_the_surface_on_which_it_starts_unless_told_otherwise(
+def test_a_ray_meets_the_surface_on_which_it_starts_by_default(
     box: trimesh.Trimesh,
 ) -> None:
     start = [[0.2, 0.1, -0.5]]
@@ -94,7 +95,7 @@ def test_a_ray_meets_the_surface_on_which_it_starts_unless_told_otherwise(
     assert box.ray.first(start, UP, t_min=beyond).t.tolist() == [1.0]
     assert box.ray.intersects_first(start, UP, t_min=[beyond], t_max=[0.5]).tolist() == [-1]
     assert len(box.ray.intersects_id(start, UP, t_min=-1.0, t_max=0.0)[0]) == 1
-    # t counts lengths of the direction, which is not normalized.
+    # t is in units of the direction's length; directions are not normalized.
     assert box.ray.first(start, [[0, 0, 4]], t_min=beyond).t.tolist() == [0.25]
 
 
@@ -106,14 +107,14 @@ def test_a_ray_meets_the_surface_on_which_it_starts_unless_told_otherwise(
 def test_points_are_finite_where_t_is_no_double(
     size: float, start: float, speed: float, several: bool
 ) -> None:
-    """t is 1e323, or below the smallest double, or no double in units of the mesh."""
+    """t is 1e323, or below the smallest double, or has no double value in units of the mesh."""
     corners = size * np.array([[-1.0, -1, 1], [1, -1, 1], [0, 1, 1]])
     ray = ExactIntersector(trimesh.Trimesh(corners, [[0, 1, 2]], process=False))
     point, _, triangle = ray.intersects_location(
         [[0, 0, start]], [[0, 0, speed]], multiple_hits=several
     )
     assert triangle.tolist() == [0]
-    # A point is rounded as the origin is.
+    # A point has the rounding error of the origin.
     assert point == pytest.approx(np.array([[0, 0, size]]), rel=1e-15, abs=1e-15 * abs(start))
 
 
@@ -128,7 +129,7 @@ def test_changes_of_the_mesh_count_and_copies_answer_alike(box: trimesh.Trimesh)
 
 
 def test_a_vertex_without_triangles_may_lie_anywhere(box: trimesh.Trimesh) -> None:
-    """Neither scale nor middle of the mesh depend on it."""
+    """An unused vertex changes neither scale nor middle of the mesh."""
     vertices = np.concatenate(([[np.nan, 1e300, -np.inf]], box.vertices))
     mesh = trimesh.Trimesh(vertices, box.faces + 1, process=False)
     starts = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 3)) - [0, 0, 2]
@@ -139,7 +140,7 @@ def test_a_vertex_without_triangles_may_lie_anywhere(box: trimesh.Trimesh) -> No
 
 @pytest.mark.parametrize("distance", [1e13, 1e60, 1e300])
 def test_rays_from_afar_meet_the_same_triangles(distance: float) -> None:
-    """Parallel rays, through vertices too; integers decide the few pairs that the walk leaves."""
+    """Parallel rays, some through vertices; exact integers decide the few pairs that remain."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     ray = ExactIntersector(ball)
     places = np.random.default_rng(1).uniform(-1.1, 1.1, (100, 2))
@@ -154,11 +155,11 @@ def test_rays_from_afar_meet_the_same_triangles(distance: float) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(every, all_afar, strict=True))
 
 
-def test_trimesh_answers_by_it(box: trimesh.Trimesh) -> None:
+def test_trimesh_uses_the_exact_intersector(box: trimesh.Trimesh) -> None:
     assert box.contains([[0, 0, 0], [0, 0, 0.5], [0, 0, 0.6]]).tolist() == [True, False, False]
 
 
-def test_nothing_is_an_answer_too() -> None:
+def test_empty_results_are_valid() -> None:
     empty = ExactIntersector(trimesh.Trimesh())
     assert empty.intersects_first([[0, 0, 0]], UP).tolist() == [-1]
     assert [len(part) for part in empty.intersects_location([[0, 0, 0]], UP)] == [0, 0, 0]

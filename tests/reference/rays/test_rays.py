@@ -1,4 +1,4 @@
-"""Rays against rational brute force, on the worst that hypothesis draws, and negative controls."""
+"""Rays against rational brute force, on difficult cases from hypothesis, and negative controls."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -63,7 +63,7 @@ def test_all_surfaces_are_those_of_rationals_in_order(problem: Problem) -> None:
 
 
 def test_answers_are_alike_without_proposals_of_embree() -> None:
-    """One by one, rays are walked alone; as many as there are triangles, Embree proposes first."""
+    """Single rays are traced without Embree; as many rays as triangles use its proposals."""
     rng = np.random.default_rng(4)
     ball = trimesh.creation.icosphere(subdivisions=1)
     origins = np.concatenate((rng.uniform(-2, 2, (300, 3)), ball.vertices))
@@ -79,7 +79,7 @@ def test_answers_are_alike_without_proposals_of_embree() -> None:
 
 
 def test_half_of_the_bound_of_an_edge_function_is_too_little() -> None:
-    """These doubles, by hill climbing, are rounded in one direction at nearly every step."""
+    """Nearly every rounding of these doubles, found by hill climbing, errs in one direction."""
     origin, p, q, d = np.array(
         [
             [-0.8869499050578171, 0.6575147141159208, -0.5532586191310437],
@@ -112,7 +112,7 @@ def test_half_of_the_bound_of_a_slab_is_too_little(monkeypatch: pytest.MonkeyPat
 
 
 def boxes_hold(tree: Tree, triangles: Floats) -> bool:
-    """Return whether leaves hold their triangles and nodes their descendants."""
+    """Return whether leaves contain their triangles, and nodes their descendants."""
     node = np.arange(len(tree.skip))
     leaf = tree.skip == node + 1
     corners = triangles[tree.triangle[leaf]]
@@ -128,7 +128,7 @@ def boxes_hold(tree: Tree, triangles: Floats) -> bool:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 50, 777])
 def test_boxes_hold_their_triangles_and_no_ulp_less(count: int) -> None:
-    """Each triangle has one leaf; a box that is drawn in by one ulp at any side is too small."""
+    """Each triangle has one leaf; a box that shrinks by one ulp at any side is too small."""
     triangles = np.random.default_rng(count).uniform(-1, 1, (count, 3, 3))
     tree = build_tree(triangles)
     assert sorted(tree.triangle[tree.triangle >= 0].tolist()) == list(range(count))
@@ -143,7 +143,7 @@ def test_boxes_hold_their_triangles_and_no_ulp_less(count: int) -> None:
 
 @pytest.mark.parametrize("shape", ["equal", "growing", "in a row"])
 def test_trees_of_odd_meshes_are_built_in_few_rounds(shape: str) -> None:
-    """Equal boxes and boxes that grow along the curve would let each cluster choose the next."""
+    """Equal or growing boxes must not reduce clustering to one merged pair in each round."""
     count = 5000
     triangles = np.zeros((count, 3, 3)) + np.eye(3) / count
     if shape == "growing":
@@ -160,7 +160,7 @@ def test_trees_of_odd_meshes_are_built_in_few_rounds(shape: str) -> None:
 
 @pytest.mark.parametrize("bound", ["EDGE_ROUNDING", "ROUNDING"])
 def test_filters_without_bounds_are_caught(monkeypatch: pytest.MonkeyPatch, bound: str) -> None:
-    """Rays through rounded points of edges, and planes a rounding before rays' origins."""
+    """Trace rays through rounded points of edges, and planes one rounding before rays' origins."""
     rng = np.random.default_rng(3)
     triangles = rng.uniform(-1, 1, (100, 3, 3))
     share = rng.uniform(0, 1, (100, 1))

@@ -1,4 +1,4 @@
-"""Meshes and rays on which arithmetic fails, for hypothesis, and their answers in rationals."""
+"""Meshes and rays on which floating point fails, for hypothesis, with answers in rationals."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -11,7 +11,7 @@ from xfrustum.scenes.arrays import Floats
 
 GRID = st.integers(-4, 4).map(lambda n: n / 2)
 SMALL = st.floats(-2, 2, allow_subnormal=False)
-#: magnitudes of all lengths of a mesh, and of a direction: subnormal to 1e300
+#: magnitudes of a mesh's lengths, and of a direction: subnormal to 1e300
 LENGTHS = st.sampled_from([1.0, 1.0, 2.0**-100, 2.0**100, 1e-30, 1e30, 3e7])
 SPEEDS = st.sampled_from([1.0, 1.0, 0.1, 1e-30, 1e30, 5e-324, 1e-310, 1e300])
 MIXED = st.sampled_from([1.0, 1.0, 1.0, 0.0, 1e-30, 1e-9, 1e9, 1e30])
@@ -19,7 +19,7 @@ MIXED = st.sampled_from([1.0, 1.0, 1.0, 0.0, 1e-30, 1e-9, 1e9, 1e30])
 
 @dataclass(frozen=True)
 class Problem:
-    """Triangles (F, 3, 3), rays (N, 3) and (N, 3), and their closed ranges (N, 2)."""
+    """Triangles (F, 3, 3), rays' origins and directions (N, 3), and their closed ranges (N, 2)."""
 
     triangles: Floats
     origins: Floats
@@ -42,10 +42,10 @@ def points(coordinate: st.SearchStrategy[float]) -> st.SearchStrategy[tuple[floa
 
 @st.composite
 def meshes(draw: st.DrawFn) -> Floats:
-    """Return 1 to 9 triangles: touching, duplicate, without area, of one or of many scales."""
+    """Draw 1 to 9 triangles: touching, duplicate, without area, of one scale or of many."""
     corners = draw(st.lists(points(draw(st.sampled_from([GRID, SMALL]))), min_size=3, max_size=7))
     if draw(st.booleans()):
-        # Magnitudes side by side.
+        # Different magnitudes in one mesh
         corners = [tuple(x * draw(MIXED) for x in corner) for corner in corners]
     corner = st.sampled_from(corners)
     triangles = draw(st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=7))
@@ -56,7 +56,7 @@ def meshes(draw: st.DrawFn) -> Floats:
 
 @st.composite
 def problems(draw: st.DrawFn) -> Problem:
-    """Return a mesh with rays from and through its vertices, edges and faces, and along them."""
+    """Draw a mesh with rays from, through and along its vertices, edges and faces."""
     mesh = draw(meshes())
     size = float(np.abs(mesh).max())
     places = []

@@ -1,4 +1,4 @@
-"""Mitsuba agrees with Embree and the certified truth, and uses no aborting LLVM."""
+"""Mitsuba agrees with Embree and the certified truth, and avoids versions of LLVM that abort."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 def rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
-    """Return all lines of an aperture from the viewer's end."""
+    """Return all lines of an aperture as rays from the viewer's end."""
     bundle = crossed_frustum(scene.frustum, aperture)
     directions = bundle.directions().reshape(-1, 3)
     return np.asarray(bundle.center) + bundle.s_range[0] * directions, directions
@@ -45,12 +45,12 @@ class TestTracer:
         inside = interior(truth)
         assert inside.sum() > 300
         np.testing.assert_array_equal(mine[inside], truth.triangle[inside])
-        # An answer one pixel beside would be wrong along every edge; rays go on beyond the reach.
+        # An answer displaced by a pixel would be wrong at every edge. Rays extend beyond the reach.
         assert ((mine != truth.triangle) & truth.covered).mean() < 1e-3
 
 
 def rendered(scene: Scene, aperture: Aperture) -> Singles:
-    """Alpha and primitive, (H, W, 2), one line per pixel center."""
+    """Return alpha and primitive (H, W, 2), from one line per pixel center."""
     mi = mitsuba_backend().mitsuba
     register_sensor()
     sensor = sensor_parameters(scene, aperture)
@@ -78,7 +78,7 @@ class TestSensor:
             inside = interior(truth)
             assert inside.sum() > 500
             np.testing.assert_array_equal(image[inside, 1], truth.triangle[inside])
-            # Single precision moves an outline by far less than a pixel.
+            # Single precision moves outlines by far less than a pixel.
             assert ((image[..., 0] > 0.5) != truth.covered).mean() < 1e-3
 
     @pytest.mark.slow
@@ -110,7 +110,7 @@ class TestSensor:
         lit = path.mean(0) > 0.1 * path.mean(0).max()
         result = stats.ttest_ind(path[:, lit], light[:, lit], equal_var=False)
         assert np.count_nonzero(lit) >= 3
-        # One false alarm in ten thousand machines, whatever the number of blocks.
+        # Allow one false alarm in ten thousand machines, whatever the number of blocks.
         assert np.all(result.pvalue > 1e-4 / np.count_nonzero(lit))
 
 
@@ -119,13 +119,13 @@ def versions_of(*known: tuple[str, Version]) -> dict[Path, Version]:
 
 
 class TestLlvm:
-    def test_what_a_name_rejects_is_not_even_loaded(self) -> None:
+    def test_a_library_with_a_rejected_name_is_not_loaded(self) -> None:
         request: list[Path] = []
         names = [*(f"libLLVM-{n}.so.1" for n in (11, 13, 14, 15, 16)), "libLLVM.so.16.0"]
         assert accepted_llvm(map(Path, names), request.append) is None
         assert request == []
 
-    def test_nineteen_first_then_the_nearest(self) -> None:
+    def test_llvm_19_is_tried_first_then_the_nearest_version(self) -> None:
         known = versions_of(*((f"libLLVM-{n}.so", (n, 1, 0)) for n in (22, 17, 14, 20, 19, 15, 18)))
         taken = []
         while (library := accepted_llvm(known, known.get)) is not None:

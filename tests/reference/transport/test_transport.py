@@ -1,4 +1,4 @@
-"""Light paths through Mitsuba agree with the double-precision light, and with closed forms."""
+"""Light paths of Mitsuba, compared with double-precision light and closed forms."""
 
 import math
 from dataclasses import replace
@@ -39,18 +39,18 @@ PAINT = Material(
     reflectivity=(0.3, 0.2, 0.4),
 )
 
-#: Chance that the test of a right picture fails. Seeds are fixed.
+#: Chance that the test of a right picture fails; seeds are fixed
 FALSE_ALARM = 1e-4
 
-#: Smallest number of paths that find a lamp: with fewer, mean and variance are far from normal
+#: Smallest number of paths that reach a lamp: with fewer, mean and variance are far from normal
 SEEN_OFTEN = 100
 
-#: Relative rounding of the reference's color to float32; the rest is double precision
+#: Relative rounding of the reference's colors to float32; all else is double precision
 COLOR_ROUNDING = 3 * 2.0**-24
 
 
 def everything() -> tuple[SceneObject, ...]:
-    """Return smooth, flat, textured and colored surfaces on both sides, some hidden."""
+    """Return smooth, flat, textured and colored surfaces on both sides; some are hidden."""
     uv = np.array([(0.0, 0.1), (3.3, 0.0), (3.0, 2.2), (0.0, 2.0)])
     picture = np.random.default_rng(8).integers(0, 256, (5, 7, 4), dtype=np.uint8)
     floor = replace(
@@ -67,10 +67,10 @@ def everything() -> tuple[SceneObject, ...]:
 
 
 def farthest(estimate: RadianceEstimate, expected: Floats) -> float:
-    """Return the p-value of the worst pixel and channel, corrected for their number (Bonferroni).
+    """Return the p-value of the worst pixel and channel, with Bonferroni's correction.
 
-    Student's t by the samples' own spread; where samples do not vary, and everywhere in addition,
-    the two may differ by the rounding of colors.
+    Student's t uses the spread of the samples. Where samples do not vary, and everywhere in
+    addition, the two may differ by the rounding of colors.
     """
     difference = np.maximum(
         np.abs(estimate.mean - expected) - COLOR_ROUNDING * np.abs(expected), 0.0
@@ -86,7 +86,7 @@ def paths(scene: Scene, aperture: Aperture = APERTURE, **transport: Any) -> Radi
 
 
 def assert_mean(estimate: RadianceEstimate, expected: Floats) -> None:
-    """Assert that the mean of all pixels is right to four deviations, and known to 1 %."""
+    """Assert that the mean of all pixels is right within four deviations, and certain to 1 %."""
     axes = (0, 1)
     error = np.sqrt(estimate.variance_of_mean.sum(axis=axes)) / expected[..., 0].size
     assert np.all(np.abs((estimate.mean - expected).mean(axis=axes)) < 4 * error)
@@ -141,7 +141,7 @@ HIGH = DirectionalLight(direction=(-0.25, 0.15, 1.0), color=(1.0, 0.8, 0.5))
 
 class TestShadows:
     def test_a_card_throws_its_outline_across_the_plate(self) -> None:
-        """Points of the floor are dark where the line to the light meets the card."""
+        """Points of the floor are dark if the line to the light meets the card."""
         screen = card((3.0, -2.0, 12.0), (9.0, 6.0), "matt")
         floor = card((0.0, 0.0, -40.0), (200.0, 200.0), "matt")
         matt = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0.8, 0.6, 0.4))
@@ -156,7 +156,7 @@ class TestShadows:
         light = np.array(HIGH.direction)
         arrives = point + (12.0 - point[:, 2:]) / light[2] * light
         low, high = screen.vertices.min(axis=0)[:2], screen.vertices.max(axis=0)[:2]
-        # Distance by which the line passes inside the card's outline; negative outside.
+        # Distance by which the line passes inside the card's outline; negative outside
         inside = np.minimum(arrives[:, :2] - low, high - arrives[:, :2]).min(axis=1)
         # `arrives` is rounded some ten times.
         rounding = 16 * 2.0**-53 * np.abs(scene.vertices).max()
@@ -175,13 +175,13 @@ class TestShadows:
     def test_what_is_convex_throws_none_on_itself(
         self, center: tuple[float, float, float], smooth: bool
     ) -> None:
-        """A convex surface that faces the light is lit all over, whatever its facets."""
+        """A convex surface that faces the light is lit all over, however coarse its facets."""
         part = ball(center, 0.3 * abs(center[2]), "paint", 4, smooth=smooth)
         frustum = replace(CENTERED, resolution=(64, 48), reach=(100.0, 2000.0))
         scene = lit(part, frustum=frustum, paint=PAINT)
         plain, shadowed = (paths(scene, shadows=s, samples=2).mean for s in (False, True))
         assert np.count_nonzero(plain) > 500
-        # Mitsuba computes the plain light: doubles too, rounded otherwise.
+        # Mitsuba computes this light in doubles too, with other roundings.
         np.testing.assert_allclose(shadowed, plain, rtol=1e-12)
 
 
@@ -190,14 +190,14 @@ LAMP_COLOR = (3.0, 2.0, 1.0)
 
 class TestInterreflection:
     def test_a_furnace_glows_as_the_sum_of_all_its_bounces(self) -> None:
-        """Walls of a closed box that emit e and scatter the share d show e / (1 - d)."""
+        """Walls of a closed box that emit e and scatter a share d have radiance e / (1 - d)."""
         wall = Material(ambient=(0.2, 0.3, 0.1), diffuse=(0.5, 0.2, 0.8))
         corners = np.array(
             [(x, y, z) for x in (-30, 34) for y in (-25, 27) for z in (-50, 20)], dtype=float
         )
         sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         box = [quad(corners[list(side)], "wall") for side in sides]
-        # The reach cuts the box open, so that lines see its inside.
+        # The reach cuts the box open, so that lines enter it.
         frustum = replace(CENTERED, resolution=(16, 12), reach=(10.0, 60.0))
         scene = lit(*box, frustum=frustum, lights=(), wall=wall)
         estimate = paths(scene, interreflection=True, samples=512)
@@ -206,7 +206,7 @@ class TestInterreflection:
         assert farthest(estimate, expected) > FALSE_ALARM
         assert_mean(estimate, expected)
 
-    #: A glowing triangle beyond the reach: not imaged, but it lights and is mirrored
+    #: A glowing triangle beyond the reach: not visible, but a light source and visible in mirrors
     TRIANGLE = np.array([(-24.0, -18.0, 30.0), (50.0, -8.0, 38.0), (6.0, 40.0, 34.0)])
 
     def under_the_triangle(self, floor: Material) -> Scene:
@@ -221,10 +221,10 @@ class TestInterreflection:
         )
 
     def share(self, points: NDArray[np.floating]) -> Floats:
-        """Return the share of the hemisphere filled by the triangle, by cosine (Lambert, 1760).
+        """Return the triangle's cosine-weighted share of the hemisphere (Lambert, 1760).
 
-        A sum over its edges: 1 / 2 pi times the angle under which each is seen, times the cosine
-        between the normal and the normal of the plane through the edge and the point.
+        Sum over the triangle's edges: 1 / 2 pi times the angle under which the edge is seen, times
+        the cosine between the normal and the normal of the plane through edge and point.
         """
         seen = self.TRIANGLE - points[..., None, :]
         seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
@@ -239,7 +239,7 @@ class TestInterreflection:
         return np.abs(share)
 
     def inside(self, points: NDArray[np.floating], directions: Floats) -> Floats:
-        """Return the smallest barycentric coordinate of lines, negative outside the triangle."""
+        """Return the smallest barycentric coordinate of lines; negative outside the triangle."""
         edges = np.broadcast_arrays(*(self.TRIANGLE[1:] - self.TRIANGLE[0]), -directions)
         offset = points - self.TRIANGLE[0]
         solved = np.linalg.solve(np.stack(edges, axis=-1), offset[..., None])[..., 0]
@@ -262,7 +262,7 @@ class TestInterreflection:
         assert_mean(estimate, expected)
 
     def test_a_mirror_shows_what_lies_in_the_mirrored_direction(self) -> None:
-        """The mirror shows the lamp or else the environment along mirrored lines, without noise."""
+        """The mirror shows the lamp or the environment along mirrored lines, without noise."""
         mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
         scene = self.under_the_triangle(mirror)
         image = Reference(scene).trace(APERTURE)
