@@ -1,8 +1,8 @@
-"""`verify --baseline`: the difference of a verification from the accepted one.
+"""`verify --baseline`: differences of a verification from the accepted verification.
 
     DIR/accepted/KEY.json    verification.json of the accepted run, with its origin
 
-There is one file for each scene, renderer, device and way of judging; approval replaces it.
+Each scene, renderer, device and way of judging has its own file; approval replaces it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ MEASURES = {
     "displacement_p99_px": "displacement (p99)",
     "displacement_max_px": "displacement (max)",
 }
-"""Measures of a hogel, the most important first; all are the better the smaller they are."""
+"""Measures of a hogel, most important first; smaller is better."""
 
 ROUNDING_PX = 1e-6
 """Largest rounding of displacements, px: some hundred operations on doubles up to 1e3 px."""
@@ -63,7 +63,7 @@ HARMLESS = [
     for setting in ("core.fsmonitor=false", "core.hooksPath=/dev/null", "protocol.allow=never")
     for word in ("-c", setting)
 ]
-"""Options with which git starts no program that a repository names."""
+"""Options that prevent git from running programs that a repository names."""
 
 #: column and row of a hogel
 Place = tuple[int, int]
@@ -71,7 +71,7 @@ Measures = dict[str, float | None]
 
 
 class Change(StrEnum):
-    """Change of a measure, or of a whole run; `NEW` where nothing is accepted."""
+    """Change of a measure or of a whole run; `NEW` without an accepted value."""
 
     WORSE = "worse"
     BETTER = "better"
@@ -81,7 +81,7 @@ class Change(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """Tolerances that the user states: a share of the accepted value, and amounts by measure."""
+    """Tolerances of the user: a share of the accepted value, and amounts by measure."""
 
     share: float | None = None
     amounts: Mapping[str, float]
@@ -92,7 +92,7 @@ class Stated:
         share, amounts, names = None, {}, ", ".join(MEASURES)
         for part in map(str.strip, text.split(",")):
             name, equals, number = part.rpartition("=")
-            # Both wrong-surfaces and wrong_surfaces are accepted, as in options and in JSON.
+            # Accept the spelling of options and of JSON: wrong-surfaces and wrong_surfaces.
             name = name.strip().replace("-", "_")
             if equals and name not in MEASURES:
                 raise InputError(f"baseline tolerance: {name!r} is not one of {names}")
@@ -112,7 +112,7 @@ class Stated:
         return cls(share=share, amounts=amounts)
 
     def amount(self, name: str, mean: float) -> float:
-        """Return the tolerance of a measure; an amount overrides the share for all."""
+        """Return the tolerance of a measure; an amount overrides the share."""
         return self.amounts.get(name, (self.share or 0.0) * mean)
 
 
@@ -123,15 +123,15 @@ class MeasureChange:
     measure: str
     aperture: Place
     accepted: float | None
-    #: largest value that is not worse; None if nothing is accepted
+    #: largest value that is not worse; None without an accepted value
     limit: float | None
-    #: None if it can no longer be measured
+    #: present value; None if it can no longer be measured
     now: float | None
     change: Change
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Sort key: the most important measure first, and the largest change of one."""
+        """Sort key: the most important measure first, then the largest change."""
         # A measure that became unmeasurable ranks before every number.
         change = math.inf if self.now is None else abs(self.now - (self.accepted or 0.0))
         return list(MEASURES).index(self.measure), -change
@@ -139,7 +139,7 @@ class MeasureChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A verification with its origin; runs with one `key` are comparable."""
+    """A verification with its origin; runs with equal `key` are comparable."""
 
     time: str
     scene_hash: str
@@ -163,7 +163,7 @@ class Run:
 
     @property
     def hogels(self) -> dict[Place, Mapping[str, Any]]:
-        """The hogels of verification.json by place."""
+        """Hogels of verification.json by column and row."""
         return {tuple(hogel["aperture"]): hogel for hogel in self.verification["hogels"]}
 
 
@@ -176,9 +176,9 @@ class BaselineOptions:
 
     #: name of the renderer; None: the source
     renderer: str | None = None
-    #: name of its device; None: this machine's processor
+    #: name of the renderer's device; None: this machine's processor
     device: str | None = None
-    #: as of `verify`, like the next two: other options, other measures
+    #: `near`, `accept` and `encoding` of `verify`: measures depend on them
     near: float | None = None
     accept: Sequence[str] = ()
     encoding: str | None = None
@@ -191,7 +191,7 @@ class BaselineOptions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Baseline:
-    """The answer to `xfrustum verify --baseline`: every measure of each hogel, and its change."""
+    """Result of `xfrustum verify --baseline`: all measures of all hogels, and their changes."""
 
     run: Run
     approved: bool
@@ -202,20 +202,20 @@ class Baseline:
     #: hogels that were not accepted before and exceed the limits
     new_beyond_limits: int
     not_judged_hogels: int
-    #: accepted runs of this scene, if none has this renderer, device and way of judging
+    #: other accepted runs of this scene, if no accepted run has the present key
     others: tuple[str, ...] = ()
 
     @property
     def change(self) -> Change:
         """The worst of all changes."""
         there = {measured.change for measured in self.changes}
-        # One worse measure makes the run worse, however many got better.
+        # A single worse measure makes the run worse, however many measures are better.
         order = (Change.WORSE, Change.BETTER, Change.SAME)
         return next((change for change in order if change in there), Change.NEW)
 
     @property
     def compared(self) -> bool:
-        """True if there are accepted measures to compare with."""
+        """True if there are accepted measures."""
         return self.change is not Change.NEW
 
     @property
@@ -244,14 +244,14 @@ class Baseline:
 def baseline(
     verification: Verification, folder: Path | str, options: BaselineOptions | None = None
 ) -> Baseline:
-    """Compare a verification with the accepted run of a folder; keep it there if approved.
+    """Compare a verification with the accepted run in a folder; store it there if approved.
 
-    InputError if the folder cannot be written, or holds a file that is no accepted run; then
-    nothing is approved.
+    Raises InputError if the folder cannot be written, or contains a file that is not an accepted
+    run; then nothing is approved.
     """
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
-    # All runs are read: a damaged file must not pass as a missing baseline.
+    # Read all runs: a damaged file must not count as a missing baseline.
     run = _present(verification, options)
     everything = accepted_runs(folder)
     accepted = everything.get(run.key)
@@ -270,10 +270,10 @@ def baseline(
         others=tuple(other.origin for other in others if other.scene_hash == run.scene_hash),
     )
     if options.approve:
-        # Hogels that are not judged now stay accepted.
+        # Hogels that this run does not judge remain accepted.
         hogels = [*run.hogels.values(), *(before[place] for place in before.keys() - run.hogels)]
         kept = asdict(run) | {"verification": run.verification | {"hogels": hogels}}
-        # NUL occurs in no part of the key: different keys never join to one text.
+        # No part of the key contains NUL: different keys give different texts.
         name = hashlib.sha256("\0".join(run.key).encode()).hexdigest()[:16]
         content = json.dumps(kept, allow_nan=False, indent=1) + "\n"
         with refused(f"{OPTION} {folder}: cannot be made", "choose another place"):
@@ -283,10 +283,10 @@ def baseline(
 
 
 def check_folder(folder: Path) -> None:
-    """Raise InputError if accepted runs cannot be kept in a folder; leaves nothing behind."""
+    """Raise InputError if accepted runs cannot be stored in a folder; leave nothing behind."""
     try:
         check_writable_folder(folder)
-        # Both levels are tested: the folder may exist and its subfolder be read-only.
+        # Test both levels: the folder may be writable and its subfolder read-only.
         check_writable_folder(folder / ACCEPTED)
     except InputError as error:
         raise InputError(str(error).replace("--out", OPTION, 1)) from error
@@ -300,7 +300,7 @@ def accepted_runs(folder: Path) -> dict[tuple[str, str, str, str], Run]:
         try:
             run = _RUN.validate_json(read_input(path, "accepted run"))
             for hogel in run.hogels.values():
-                # Evaluating every measure rejects a damaged file here, and not in a later
+                # Evaluate every measure, so that a damaged file fails here and not in a later
                 # comparison.
                 measures(hogel)
         except (InputError, ValidationError, LookupError, TypeError, AttributeError) as error:
@@ -317,7 +317,7 @@ def measures(hogel: Mapping[str, Any]) -> Measures:
     values: Measures = {**dict.fromkeys(MEASURES), "missing": float(numbers is None)}
     if numbers is None:
         return values
-    # An image that shows nothing has no displacement; its check states 0.
+    # An image that shows nothing has no displacement; its check has the value 0.
     still = any(
         check["figure"] == DISPLACEMENT and check["value"] == 0 for check in hogel["checks"]
     )
@@ -364,11 +364,11 @@ def _changes(
         before = {} if there is None else measures(there)
         kinds = {(of or {}).get("by") for of in (hogel["as_found"], (there or {}).get("as_found"))}
         if len(kinds - {None}) > 1:
-            # Counts of another kind of wrong pixels are another measure.
+            # Wrong pixels of another kind are another measure.
             before["wrong_pixels"] = None
         for name, now in present.items():
             was = before.get(name)
-            # A missing hogel counts once, not again for each of its other measures.
+            # A missing hogel counts once, not again for each other measure.
             if now is None and (was is None or present["missing"]):
                 continue
             limit, change = None, Change.NEW
@@ -385,10 +385,10 @@ def _changes(
 
 
 def commit_of(folder: Path) -> str | None:
-    """Return the commit that a folder has checked out; None outside a repository of this user.
+    """Return the checked-out commit of a folder; None outside a repository of this user.
 
-    The folder may be a stranger's. `git rev-parse` reads a reference and no file of the work tree,
-    so that no filter runs; programs that the repository's settings name are switched off.
+    The folder may be untrusted. `git rev-parse` reads a reference and no file of the work tree, so
+    that no filter runs; `HARMLESS` disables programs that the repository configures.
     """
     line, null = ["git", *HARMLESS, "-C", str(folder), "rev-parse", "HEAD"], subprocess.DEVNULL
     try:
@@ -435,7 +435,7 @@ def append_step_summary(held: Baseline) -> str | None:
     commit = f"commit {run.commit[:7]}" if run.commit else "no commit"
     scene = run.verification["scene"]
     origin = f"{scene}: {run.renderer} on {run.device}, {commit}, xfrustum {run.xfrustum}"
-    # A block of code shows every text literally: no name becomes markup.
+    # A code block shows every text literally: names cannot become markup.
     block = f"{origin}\n{lines(held)}".replace("```", "")
     try:
         with Path(name).open("a", encoding="utf-8") as file:

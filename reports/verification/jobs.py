@@ -1,12 +1,11 @@
 """Verification by several processes: hogels are judged in blocks, each a Parquet part.
 
-With `--workers`, `--scheduler` and `--part` any process judges any block. When all parts are
-finished, the verification is merged from them, and equals the verification of one process; the
-worst hogels are judged once more for their pictures. The first process that judges diagnoses the
-renderer, and stores the diagnosed models next to the parts, because a renderer with noise gives
-other images each time. Files count as unchanged while their sizes and times are. Dependencies of a
-command are unknown: an interrupted verification continues, except for hogels without an image; a
-finished one starts again.
+With `--workers`, `--scheduler` and `--part` any process may judge any block. The finished parts are
+merged into the verification that a single process would return; the worst hogels are judged once
+more for their pictures. The first process diagnoses the renderer and stores the diagnosed models
+beside the parts, because a renderer with noise draws other images each time. Files count as
+unchanged if sizes and times are equal. Dependencies of a command are unknown: an interrupted
+verification continues, except for hogels without an image; a finished verification starts again.
 """
 
 from __future__ import annotations
@@ -55,22 +54,22 @@ from xfrustum.scenes.disk.durable import TempPath, scratch_folder
 from xfrustum.scenes.disk.input_files import damage_refused
 
 PARTS, QUESTION = "verification.parquet", "_question.json"
-"""Folder of the parts, and file of the question; readers of Parquet skip names with `_`."""
+"""Folder of the parts, and file of the question; Parquet readers skip names with `_`."""
 
 MAX_BLOCK_PIXELS, MIN_BLOCKS = 1 << 22, 16
-"""Largest number of pixels in a block, some seconds of work; smallest number of blocks."""
+"""Largest number of pixels in a block (seconds of work); smallest number of blocks."""
 
 _HOGEL, _QUESTION = TypeAdapter(Hogel), TypeAdapter(Question)
 
 
 def _json(record: Hogel | Question) -> str:
-    """Return a record as JSON; numbers of NumPy have the same digits as Python's own."""
+    """Return a record as JSON; NumPy numbers are written like Python numbers."""
     return json.dumps(asdict(record), default=lambda number: number.item())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VerifyJob(HogelJob):
-    """A verification as sent to workers; `state` is the digest of the image files."""
+    """Job of a verification for workers; `state` is the digest of the image files."""
 
     request: Request
     state: str
@@ -79,7 +78,7 @@ class VerifyJob(HogelJob):
 
     @contextmanager
     def open(self) -> Iterator[VerifySession]:
-        """Open the source of images; InputError if it has others than the command's."""
+        """Open the source of images; InputError if its files differ from the command's."""
         # Image files may change while a long verification runs, or differ between machines.
         require_state(self.request, self.state)
         reference = Reference(self.request.scene)
@@ -90,16 +89,16 @@ class VerifyJob(HogelJob):
 
 @dataclass
 class VerifySession(Session):
-    """A judge of one renderer's hogels."""
+    """Session of a worker that judges hogels."""
 
     job: VerifyJob
     run: Run
 
     @cached_property
     def known(self) -> tuple[str, Question]:
-        """Digest and question of all processes; the first call diagnoses the renderer."""
+        """Digest and question, shared by all processes; the first call diagnoses the renderer."""
         parts = self.job.parts
-        # The diagnosis is written once: all processes must judge by the same one.
+        # The diagnosis is written once: all processes must judge by the same diagnosis.
         if parts.read_beside(QUESTION) is None:
             parts.write_beside(QUESTION, _json(self.run.question()).encode())
         content = parts.read_beside(QUESTION)
@@ -109,7 +108,7 @@ class VerifySession(Session):
             return hashlib.sha256(content).hexdigest(), _QUESTION.validate_json(content)
 
     def question(self) -> tuple[str, Question]:
-        """Return `known`; a question to the workers."""
+        """Return `known`; the command calls it in a worker."""
         return self.known
 
     def make(self, block: HogelBlock) -> None:
@@ -131,7 +130,7 @@ class VerifySession(Session):
         self.job.parts.write(block.number, pa.Table.from_pylist(rows))
 
     def pictured(self, index: tuple[int, int], channels: bool) -> Pictured | None:
-        """Return a hogel in pictures, perhaps with all channels; None if it is missing."""
+        """Return the pictures of a hogel, with `channels` all channels; None without an image."""
         scene = self.job.request.scene
         aperture = scene.plate.aperture(*index)
         figures = self.run.figures(self.known[1], aperture)
@@ -146,18 +145,18 @@ def verify_on(
     out: Path | None = None,
     note: Callable[[str], object] = lambda line: None,
 ) -> Verification | None:
-    """Judge the hogel images of a renderer by several processes, with `verify`'s result.
+    """Judge the hogel images of a renderer in several processes, with the result of `verify`.
 
-    If it is stopped at any moment and called again with the same folder, it continues where it was.
-    Parts are kept in `out`, None for a temporary folder of this machine; `note` receives sentences.
-    Returns None if other parts of a job array are not finished yet.
+    A stopped run continues when it is repeated with the same folder. Parts are kept in `out` (None:
+    a temporary folder of this machine); `note` receives sentences. Returns None while other parts
+    of a job array are not finished.
 
-    InputError as from `verify`, and where there is no folder that others see, or it holds something
-    else.
+    Raises InputError as `verify` does, and if a shared folder is needed and missing, or contains
+    something else.
     """
     if out is None and (engine.scheduler is not None or not engine.part.everything):
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
-    # Blocks are no tiles of the plate.
+    # Truths by directions need tiles of whole rows; blocks are not tiles.
     request = Request.from_options(scene, source, replace(options, truth_by=TruthBy.HOGELS))
     if request.looks > 1 and not engine.part.everything:
         raise InputError("--part needs the number of hogels beforehand: use --sample, not --until")
@@ -182,7 +181,7 @@ def verify_on(
         parts.open(json_ready(_description(job, size)))
         looks = _blocks(request, size)
         if options.command is not None and _rows(job, looks) is not None:
-            # A digest shows that files are unchanged; the output of a program has no digest.
+            # A digest proves that files are unchanged; the output of a program has no digest.
             note(f"what is in {parts.folder} was finished; the command is judged anew")
             for named in (QUESTION, *(block.number for look in looks for block in look)):
                 parts.remove(named)
@@ -196,10 +195,10 @@ def verify_on(
                 if (judged := _rows(job, looks)) is not None:
                     break
             else:
-                # Another part of the job array finishes last, and assembles the verification.
+                # The part of the job array that finishes last assembles the verification.
                 return None
             rows, extent = judged
-            # Two parts that started at the same time may have diagnosed separately.
+            # Two parts that started at the same time may both have diagnosed the renderer.
             if any(row["question"] != digest for row in rows):
                 raise InputError(
                     f"{parts.folder}: was judged by another diagnosis than the rest; delete it and "
@@ -225,7 +224,7 @@ def verify_on(
 
 
 def _blocks(request: Request, size: int) -> list[list[HogelBlock]]:
-    """Return the blocks of each look: the decision after a look needs exactly its own hogels."""
+    """Return the blocks of each look; a look is decided from its own and earlier blocks."""
     looks, begun = list[list[HogelBlock]](), 0
     for look in range(request.looks):
         looks.append(blocks_of(list(request.apertures_of(look)), size, begun))
@@ -234,14 +233,14 @@ def _blocks(request: Request, size: int) -> list[list[HogelBlock]]:
 
 
 def _description(job: VerifyJob, size: int) -> dict[str, object]:
-    """Return everything that decides the rows of a verification."""
+    """Return all inputs that determine the rows of a verification."""
     request, options = job.request, job.request.options
     renderer: dict[str, object] = {"near": options.near, "accept": request.accept}
     renderer |= {name: getattr(options, name) for name in ("command", "encoding", "timeout_s")}
-    # Names of files decide, so that the folder of the command does not matter.
+    # Absolute file names make the record independent of the current folder.
     renderer["place"] = str(Path(request.folder or "", str(request.source or "")))
-    # The sequence of a whole plate or a sample follows from scene and seed; a list of millions of
-    # indices would bloat the record.
+    # Scene and seed determine the hogels of a plate or a sample: a list of millions of indices
+    # would bloat the record.
     chosen = request.apertures if isinstance(request.apertures, list) else ()
     return {
         "scene": request.scene.content_hash,
@@ -268,7 +267,7 @@ def _prepare(job: VerifyJob, blocks: Sequence[HogelBlock], note: Callable[[str],
 def _rows(
     job: VerifyJob, looks: Sequence[Sequence[HogelBlock]]
 ) -> tuple[list[dict[str, Any]], SampleExtent | None] | None:
-    """Return all rows with their hogels, and the extent of a sample; None while blocks miss."""
+    """Return all rows with hogels, and the extent of a sample; None while blocks are missing."""
     rows, sample = list[dict[str, Any]](), job.request.sample
     for look, blocks in enumerate(looks):
         if not all(map(job.finished, blocks)):
@@ -287,7 +286,7 @@ def _rows(
 
 
 def _worst(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of the worst hogels, as `WorstHogels.add` keeps them."""
+    """Return the rows of the worst hogels, in the order of `WorstHogels`."""
     there = [row for row in rows if row["worst_as_found"] is not None]
     key = itemgetter("worst_as_found", "worst_corrected")
     return heapq.nlargest(MAX_SHOWN_HOGELS, there, key=key)

@@ -1,4 +1,4 @@
-"""Request of `verify`: options of the user, and the validated request made of them."""
+"""Request of `verify`: options of the user, and the validated request."""
 
 from __future__ import annotations
 
@@ -32,35 +32,35 @@ class VerifyOptions:
 
     #: program that replaces files, run for each aperture with {x}, {y}, {i}, {j} and {out}
     command: str | None = None
-    #: of one run
+    #: time limit of one run, seconds, > 0
     timeout_s: float = 60.0
     #: meaning of pictures; None: `rgb`
     encoding: Encoding | str | None = None
-    #: of a folder or picture (docs/layouts.md)
+    #: layout of a folder or picture (docs/layouts.md)
     layout: str | None = None
-    #: column and row; None: the whole plate
+    #: columns and rows of hogels; None: the whole plate
     apertures: Sequence[tuple[int, int]] | None = None
-    #: offset that the renderer's author states, scene units
+    #: intended near offset of the renderer, scene units
     near: float | None = None
     #: conventions in `ACCEPTABLE` that do not count as defects
     accept: Sequence[str] = ()
-    #: share of wrong surfaces, colors or outlines of each hogel
+    #: largest share of wrong surfaces, colors or outlines in each hogel
     max_wrong: float = MAX_WRONG
-    #: distance of 99 of 100 points or outlines; unknown exceeds it; None: no limit
+    #: limit of the 99th percentile of displacement, px; unknown exceeds it; None: no limit
     max_displacement_px: float | None = TOLERANCE_PX
-    #: difference of linear radiance that is wrong; None: `COLOR_TOLERANCE`
+    #: largest difference of linear radiance of a right color; None: `COLOR_TOLERANCE`
     max_color: float | None = None
     #: property of plain pictures: `color`, or `geometry`: shown pixels and outlines
     compare: Compared | str = Compared.COLOR
     #: model of the machine that drew; None: any
     device: DeviceModel | None = None
-    #: hogels drawn at random, >= 1; None: `apertures`
+    #: number of random hogels, >= 1; None: `apertures`
     sample: int | None = None
     #: share of the plate, 0 to 1, at which growing samples stop
     until: float | None = None
     #: seed of a sample
     seed: int = 0
-    #: order in which the truths of a whole plate are decided, with the same verdict
+    #: order in which the truths of a whole plate are computed; verdicts are equal
     truth_by: TruthBy | str = TruthBy.AUTO
     #: whether to keep all channels of the worst hogels
     channels: bool = False
@@ -70,7 +70,7 @@ class VerifyOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """A verification: the source of images, its author's statements, hogels and limits."""
+    """A verification: source of images, declared conventions, hogels and limits."""
 
     scene: Scene
     #: pattern or place of files, or a function; None for a command
@@ -78,24 +78,24 @@ class Request:
     options: VerifyOptions
     #: meaning of pictures
     encoding: Encoding
-    #: model by the author's statements
+    #: declared model of the renderer
     nominal: RendererModel
     accept: tuple[str, ...]
     limits: Limits
     #: None for chosen hogels
     sample: PlateSample | None
-    #: size of the first look
+    #: hogels of the first look
     apertures: Sequence[Aperture]
     #: order of the truths
     truth_by: TruthBy
-    #: folder of relative names and of the command; None: the process's
+    #: folder for relative names and the command; None: the current folder
     folder: Path | None = None
 
     @classmethod
     def from_options(
         cls, scene: Scene, source: str | Renderer | None, options: VerifyOptions
     ) -> Self:
-        """Test all options; InputError for unusable ones, or where no aperture sees any object."""
+        """Test all options; InputError if one is unusable, or no aperture shows any object."""
         accept = (options.accept,) if isinstance(options.accept, str) else tuple(options.accept)
         if strange := [name for name in accept if name not in ACCEPTABLE]:
             raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
@@ -141,18 +141,18 @@ class Request:
 
     @property
     def looks(self) -> int:
-        """Largest number of samples, each of which contains the one before."""
+        """Largest number of looks; each look extends the sample of the previous look."""
         return 1 if self.sample is None else self.sample.looks
 
     def apertures_of(self, look: int) -> Sequence[Aperture]:
-        """Return the apertures that a look adds to the ones before."""
+        """Return the apertures that a look adds to the sample."""
         if self.sample is None or look == 0:
             return self.apertures
         return PathApertures(self.scene.plate, self.sample.new_places(look))
 
 
 def _chosen(scene: Scene, indices: Sequence[tuple[int, int]]) -> list[Aperture]:
-    """Return the apertures of pairs of column and row, each once."""
+    """Return the apertures of pairs of column and row, without repetition."""
     pairs = [wholes(index, 2) for index in indices]
     for index, pair in zip(indices, pairs, strict=True):
         if len(pair) < 2:
@@ -163,7 +163,7 @@ def _chosen(scene: Scene, indices: Sequence[tuple[int, int]]) -> list[Aperture]:
 
 
 def _limits(options: VerifyOptions) -> Limits:
-    """Return the limits, and how images are judged."""
+    """Return the limits and the options of judging."""
     tolerance = None if options.max_color is None else real(options.max_color)
     stated: dict[str, Any] = {"color_tolerance": tolerance, "device": options.device}
     judging = Judging(

@@ -38,20 +38,20 @@ from xfrustum.scenes.files.plate_files import FileSet, find_files
 from xfrustum.scenes.representation import counted
 
 MAX_NAMES_TRIED = 10_000
-"""Files whose names are looked up singly before the work, to refuse a wrong pattern at once."""
+"""Largest number of files that are looked up by name before the work starts."""
 
 MAX_LOG_LINES, MAX_LOG_BYTES = 5, 1 << 16
-"""Last lines of a failed command's standard error that are reported, of its last bytes."""
+"""Number of reported last lines of a failed command's standard error, and of bytes read."""
 
 FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
-"""Format of a number after a colon, such as 04d or .3f: at most 99 characters."""
+"""Format of a number after a colon, such as 04d or .3f: at most 99 characters wide."""
 
 EXAMPLES: dict[str, object] = {"x": 0.5, "y": 0.5, "i": 1, "j": 1, "out": Path("x")}
-"""Values of the kinds that fields stand for."""
+"""Example values of fields, to test formats."""
 
 
 class Problem(Exception):
-    """Sentence about one missing hogel."""
+    """Reason why a hogel is missing."""
 
 
 def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
@@ -80,7 +80,7 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
 
 @dataclass(kw_only=True, eq=False)
 class Source:
-    """Hogel images by aperture; `encoding` is the meaning of pictures."""
+    """Hogel images by aperture; `encoding` is the meaning of pixel values in pictures."""
 
     reference: Reference
     encoding: Encoding = Encoding.RGB
@@ -93,18 +93,18 @@ class Source:
 
     @cached_property
     def directions(self) -> DirectionPlate | None:
-        """Plate that our rasterizer drew by directions; None for images of any other kind."""
+        """Plate drawn by `plate --by directions`; None for other images."""
         return None
 
     def image(self, aperture: Aperture) -> HogelImage:
-        """Return the image of an aperture, or raise Problem with the reason why there is none."""
+        """Return the image of an aperture; raise Problem if there is none."""
         raise NotImplementedError
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError if it is certain in advance that there will be no image."""
+        """Raise InputError if there is certainly no image."""
 
     def read(self, path: Path, aperture: Aperture, name: str) -> HogelImage:
-        """Read a file, or raise Problem that calls it by a name."""
+        """Read a file; raise Problem with the given name of the file."""
         try:
             return read_foreign(path, self.reference.camera(aperture), self.encoding)
         except InputError as error:
@@ -116,7 +116,7 @@ class Files(Source):
     """Files whose names come from a pattern with {i} and {j}."""
 
     pattern: str
-    #: of relative names; None: the process's
+    #: folder for relative names; None: the current folder
     folder: Path | None = None
 
     def __post_init__(self) -> None:
@@ -132,7 +132,7 @@ class Files(Source):
             )
 
     def named(self, aperture: Aperture) -> str:
-        """Return the file of an aperture as the user names it."""
+        """Return the file name of an aperture as the user wrote it."""
         return str(Path(self.pattern.format(i=aperture.column, j=aperture.row)))
 
     def path(self, aperture: Aperture) -> Path:
@@ -140,15 +140,15 @@ class Files(Source):
         return Path(self.folder or "", self.named(aperture))
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError if there are apertures, and none of their files exists."""
-        # There are no apertures if, for example, an eye sees no hogel.
+        """Raise InputError if none of the files of the apertures exists."""
+        # An eye that sees no hogel has no apertures.
         if not apertures:
             return
         parsed = string.Formatter().parse(self.pattern)
         any_name = "".join(
             escape(text) + ("" if name is None else "*") for text, name, *_ in parsed
         )
-        # On a plate of millions it is enough that some file has such a name.
+        # For plates of millions of hogels test only that some file matches the pattern.
         some = next(iglob(any_name), None) is not None  # noqa: PTH207 - names are no paths of ours
         if some and len(apertures) <= MAX_NAMES_TRIED:
             some = any(self.path(aperture).exists() for aperture in apertures)
@@ -192,7 +192,7 @@ class LaidOut(Source):
         return not self.files.layout.in_hogels
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError if there is a file for none of the hogels."""
+        """Raise InputError if none of the hogels has a file."""
         known = not self.of_views and self.fits
         if known and not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
             raise InputError(
@@ -200,7 +200,7 @@ class LaidOut(Source):
             )
 
     def image(self, aperture: Aperture) -> HogelImage:
-        """Return the image of an aperture, upright by its layout, with all OpenEXR channels."""
+        """Return the image of an aperture, turned upright, with all OpenEXR channels."""
         files, camera = self.files, self.reference.camera(aperture)
         if not self.fits:
             lacking = f" ({files.missing} are not there)" if files.missing else ""
@@ -240,10 +240,10 @@ class LaidOut(Source):
 
 @dataclass(kw_only=True, eq=False)
 class StoredPlate(Source):
-    """A plate in a Zarr group: its triangle numbers and its colors, or the stated one of them.
+    """A plate in a Zarr group: triangle numbers, colors, or both, by the encoding.
 
-    By default colors of 8 bits are left out beside numbers: they are clipped at 1, and true colors
-    are not.
+    By default 8-bit colors are not judged if there are triangle numbers: they are clipped at 1, and
+    true colors are not.
     """
 
     place: Path
@@ -284,7 +284,7 @@ class StoredPlate(Source):
         return direction_plate(self.place)
 
     def image(self, aperture: Aperture) -> HogelImage:
-        """Return the image of an aperture by the arrays that are judged."""
+        """Return the image of an aperture from the judged arrays."""
         colors, numbers = (
             None if plate is None else self._read(plate, aperture)
             for plate in (self._colors, self._numbers)
@@ -294,7 +294,7 @@ class StoredPlate(Source):
             return of_stored(StoredPixels(rgb=colors), camera, self.encoding)
         shape = camera.resolution[::-1]
         nothing = np.full(shape, NOTHING, dtype=np.int32)
-        # Numbers beyond 32 bits become the largest, which is no triangle of a scene.
+        # Clip numbers to 32 bits: the largest number is not a triangle of any scene.
         limits = np.iinfo(np.int32)
         triangle = nothing if numbers is None else np.clip(numbers, limits.min, limits.max)
         return HogelImage(
@@ -329,12 +329,12 @@ class Function(Source):
         try:
             image = self.function(self.reference.scene, aperture)
         except Exception as error:
-            # Any exception of the renderer's code is a finding about this hogel.
+            # Any exception of the renderer's code is a problem of this hogel.
             raise Problem(f"{self.name} raised {type(error).__name__}: {error}") from error
         if not isinstance(image, HogelImage):
             raise Problem(f"{self.name} returned {type(image).__name__}, not a HogelImage")
-        # A wrong size would otherwise broadcast, or fail far from its cause. The function may draw
-        # all hogels into the same arrays, and the next one while this one is judged: hence copies.
+        # Arrays of a wrong size would broadcast, or fail far from the cause. Copy the arrays: the
+        # function may draw the next hogel into the same arrays while this hogel is judged.
         width, height = self.reference.scene.frustum.resolution
         names = ("triangle", "object", "position", "color")
         arrays: dict[str, Any] = {
@@ -342,27 +342,27 @@ class Function(Source):
         }
         if any(array.shape[:2] != (height, width) for array in arrays.values()):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
-        # The image answers for the aperture that the function got.
+        # The image gets the camera of the aperture that was passed to the function.
         return HogelImage(camera=self.reference.camera(aperture), **arrays)
 
 
 def run_program(arguments: list[str], folder: Path, timeout_s: float, working: Path | None) -> None:
-    """Run a program to its end, its standard error in a folder, and end all that it started.
+    """Run a program with its standard error in a folder, and end all processes that it started.
 
-    Raises Problem if it cannot be run, fails, or takes longer.
+    Raises Problem if the program cannot be run, fails, or exceeds the time limit.
     """
     log, process = folder / "stderr", None
 
     def last_lines() -> str:
         with log.open("rb") as file:
-            # A looping renderer may write gigabytes: only the end is read.
+            # A looping renderer may write gigabytes: read only the end.
             file.seek(max(0, log.stat().st_size - MAX_LOG_BYTES))
             lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_LOG_LINES:]
         return ": " + " | ".join(line.strip() for line in lines) if lines else ""
 
     try:
-        # Signals wait until a started process is recorded. It has its own session, so that children
-        # of a hanging command end with it.
+        # Delay signals until the process is recorded. A session of its own allows ending all
+        # children of a hanging command.
         with delayed(), log.open("wb") as stderr:
             process = subprocess.Popen(
                 arguments,
@@ -383,8 +383,7 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
         if process is not None:
             with delayed():
                 with suppress(ProcessLookupError):
-                    # The whole session ends, also after success: background children keep files
-                    # open.
+                    # End the session also after success: background children keep files open.
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
     if status:
@@ -396,7 +395,7 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
 
 @dataclass(kw_only=True, eq=False)
 class Command(Source):
-    """A program that runs once per aperture, without a shell; words split as by a shell."""
+    """A program that runs once per aperture, without a shell; words are split as by a shell."""
 
     #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
     template: str
@@ -423,14 +422,14 @@ class Command(Source):
         # Split before the substitution: blanks and quotes in paths stay within one argument.
         arguments = [word.format(**values) for word in shlex.split(self.template)]
         run_program(arguments, self.folder, self.timeout_s, self.working)
-        # An exit status of zero does not prove that there is an image.
+        # Exit status 0 does not prove that there is an image.
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
         try:
             # The name of a temporary file would not help the user.
             return self.read(out, aperture, "what the command wrote")
         finally:
-            # Delete the file, so that the next hogel cannot pass with it.
+            # Delete the file, so that it cannot count as the next hogel.
             out.unlink(missing_ok=True)
 
 
@@ -470,21 +469,21 @@ def opened(request: Request, reference: Reference) -> Iterator[Source]:
 
 
 def state_of(request: Request) -> str:
-    """Return a digest of names, sizes and times of the files that images depend on.
+    """Return a digest of names, sizes and times of the image files.
 
-    For a command: its program, and every file that its words name.
+    For a command: of its program, and of every file named by its arguments.
     """
     folder, command = request.folder or Path.cwd(), request.options.command
     paths: Iterator[str]
     if command is not None:
         words = shlex.split(command)
         program = shutil.which(words[0]) if words and os.sep not in words[0] else None
-        # A word may be a whole script, longer than any name of a file.
+        # An argument may be a whole script, longer than any file name.
         is_file = os.path.isfile
         named = [str(folder / word) for word in words if is_file(folder / word)]
         paths = iter(dict.fromkeys(([program] if program else []) + named))
     else:
-        # Samples may grow to the whole plate.
+        # A growing sample may reach the whole plate.
         grows = request.looks > 1
         apertures = request.scene.plate.apertures() if grows else request.apertures
         pattern = str(request.source)
@@ -500,7 +499,7 @@ def state_of(request: Request) -> str:
 
 
 def require_state(request: Request, state: str) -> None:
-    """Raise InputError if this process has other files than the command had."""
+    """Raise InputError if image files differ from the files of the command."""
     command, folder = request.options.command, request.folder
     name = request.source if command is None else f"--command {command!r}"
     # Absolute names need no folder.
@@ -519,7 +518,7 @@ def require_state(request: Request, state: str) -> None:
 
 
 def _is_group(place: Path) -> bool:
-    """Return whether a folder is a Zarr group; a name too long for a file is none."""
+    """Return whether a folder is a Zarr group; False for names too long for a file."""
     with suppress(OSError):
         return (place / METADATA).is_file()
     return False

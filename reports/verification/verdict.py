@@ -1,4 +1,4 @@
-"""Verification: the answer to `xfrustum verify`, and the files that it leaves."""
+"""Verification: the result of `xfrustum verify`, and its files."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ MAX_SHOWN_HOGELS, MAX_PICTURE_PX = 6, 512
 """Number of hogels with pictures, and longest side of a picture, px."""
 
 WRONG_RGB, BACKGROUND_GRAY, TRUTH_STRENGTH = (224, 49, 49), 250, 0.35
-"""Color of wrong pixels, level of empty ones, and strength of the truth beneath errors."""
+"""Color of wrong pixels, gray level of empty pixels, opacity of the truth under errors."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pictured:
-    """One hogel in pictures, each a data URL, with its error and a description of the error."""
+    """Pictures of one hogel as data URLs, with the size and a description of its error."""
 
     aperture: Aperture
     words: str
-    #: wrong pixels before correction, then after it
+    #: share of wrong pixels as delivered, and as corrected
     badness: tuple[float, float]
     pictures: dict[str, str]
     #: all channels, where selected
@@ -67,7 +67,7 @@ class Pictured:
     def from_figures(
         cls, scene: Scene | None, aperture: Aperture, as_found: Figures, corrected: Figures
     ) -> Self:
-        """Draw truth, image, and wrong pixels as found and corrected; all channels of a scene."""
+        """Draw truth, image and wrong pixels, as delivered and corrected; a scene adds channels."""
         truth, pictures = _shown(as_found.answer, as_found.image), {}
         # The corrected image is judged by another model, with another truth.
         rest = _shown(corrected.answer, corrected.image)
@@ -87,19 +87,19 @@ class Pictured:
 
 
 def badness(as_found: Figures, corrected: Figures) -> tuple[float, float]:
-    """Return the sort key of hogels, the worst last."""
+    """Return the sort key of hogels: the worst has the largest."""
     return as_found.numbers.judged_fraction, corrected.numbers.judged_fraction
 
 
 @dataclass(kw_only=True)
 class WorstHogels:
-    """The worst hogels so far, worst first; with all channels if a scene for these is given."""
+    """The worst hogels so far, worst first; with a scene, all their channels are kept."""
 
     scene: Scene | None = None
     kept: list[Pictured] = field(default_factory=list)
 
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
-        """Keep a hogel if it is among the worst; of equals those that came first stay."""
+        """Add a hogel if it is among the worst; of equal hogels the earlier remains."""
         full = len(self.kept) == MAX_SHOWN_HOGELS
         if not full or badness(as_found, corrected) > self.kept[-1].badness:
             self.kept.append(Pictured.from_figures(self.scene, aperture, as_found, corrected))
@@ -108,10 +108,10 @@ class WorstHogels:
 
 
 def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
-    """Return a picture of an image for people: its colors, else a color for each surface.
+    """Return a picture of an image: its colors, or else a color for each surface.
 
-    Surfaces are triangles or objects, whichever `like` names, by default the image itself: truth
-    names both.
+    Surfaces are the triangles or objects that `like` identifies (default: `image`), because a truth
+    identifies both.
     """
     if image.color is not None:
         linear = np.clip(np.nan_to_num(image.color), 0, 1)
@@ -126,7 +126,7 @@ def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
 
 
 def _errors(truth: Bytes, figures: Figures) -> Bytes:
-    """Return wrong pixels over the pale picture of the truth."""
+    """Return a picture of wrong pixels over the faded truth."""
     beneath = BACKGROUND_GRAY - TRUTH_STRENGTH * (BACKGROUND_GRAY - truth.astype(np.float64))
     beneath[~figures.answer.covered] = BACKGROUND_GRAY
     beneath[figures.error] = WRONG_RGB
@@ -135,14 +135,14 @@ def _errors(truth: Bytes, figures: Figures) -> Bytes:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Verification(Verdict, NotebookRepr):
-    """The answer to `xfrustum verify`: verdict and diagnosis of one renderer (`source`)."""
+    """Result of `xfrustum verify`: verdict and diagnosis of a renderer (`source`)."""
 
     scene: Scene
     source: str
     diagnosis: Diagnosis
     #: the worst first
     worst: tuple[Pictured, ...] = field(default=(), repr=False)
-    #: of a sample of the plate; None for chosen hogels
+    #: extent of a sample of the plate; None for chosen hogels
     extent: SampleExtent | None = None
     #: order of the truths
     truth_by: TruthBy = TruthBy.HOGELS
@@ -159,7 +159,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def kept(self) -> bool:
-        """True if the verdict is good: every hogel passes, or the bound keeps the limit `until`."""
+        """True if every hogel passes, or with `until`, if the bound is at most `until`."""
         limit = None if self.extent is None else self.extent.sample.until
         share = self.share_at_most
         return self.passed if limit is None else share is not None and share <= limit
@@ -189,7 +189,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def where(self) -> dict[str, Any]:
-        """Places of wrong pixels, where nothing is named; else empty."""
+        """Places of wrong pixels if no defect is named; else empty."""
         unnamed = self.explained is False and not self.diagnosis.faults
         return (where_wrong(self.scene, self.places) if unnamed else None) or {}
 
@@ -222,7 +222,7 @@ class Verification(Verdict, NotebookRepr):
         ]
 
     def summary(self) -> dict[str, Any]:
-        """Return the answer as one JSON object, as the command prints it with `--json`."""
+        """Return the JSON object that `verify --json` prints."""
         limits, judging = self.limits, self.limits.judging
         return {
             "verdict": self.verdict,
@@ -251,7 +251,7 @@ class Verification(Verdict, NotebookRepr):
         }
 
     def _sample_summary(self) -> dict[str, Any]:
-        """Return the claim about the plate, in JSON's types; nothing without a sample."""
+        """Return the bound for the plate, in JSON types; nothing without a sample."""
         if self.extent is None:
             return {}
         sample = self.extent.sample
@@ -280,11 +280,11 @@ def _hogel(hogel: Hogel) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class HogelRow:
-    """One hogel of another renderer, as found and as corrected for the diagnosis."""
+    """Row of a hogel of another renderer, as delivered and as corrected for the diagnosis."""
 
     column: int
     row: int
-    #: whether it is missing, for the reason `problem`, or does not pass
+    #: whether the hogel is missing (`problem`) or does not pass
     beyond: bool
     verdict: str
     problem: str | None
@@ -330,8 +330,7 @@ def write_verification(verification: Verification, out: Path) -> tuple[Path, ...
                 plate_map=PlateMap.from_values(plate, caption, shares),
             )
             inspection.write_inspection(staging.folder, page)
-        # The inspection page of an earlier run would not match the new page. Both pages are
-        # replaced together, or neither.
+        # An inspection page of an earlier run would not match the new page: replace both or none.
         with inspection.replacing_inspection(out, kept=bool(inspected)):
             return staging.commit()
 
@@ -343,13 +342,13 @@ MAP_CLASSES = (
     (0.5, "#d55e00", "half or more is wrong"),
     (math.inf, "#8c8c8c", "missing or not judged"),
 )
-"""Classes of hogels on the map of a plate: the least share that is wrong, color and words."""
+"""Classes of hogels on the map of a plate: least share of wrong pixels, color, caption."""
 
 
 def plate_map(verification: Verification) -> dict[str, Any] | None:
     """Return the classes of hogels as cells of an SVG; None if no map is needed.
 
-    A cell of a large plate stands for several hogels, and shows the worst of them.
+    A cell of a large plate covers several hogels and shows the worst.
     """
     # A map of equal cells has no information.
     if verification.passed or len(verification.hogels) == 1:
@@ -377,12 +376,12 @@ def plate_map(verification: Verification) -> dict[str, Any] | None:
 
 
 def number(value: float | None, unit: str | None) -> str:
-    """Return a number with six digits, whole ones in full, and shares as percent."""
+    """Return a number with six digits, integers in full, and shares in percent."""
     if value is None:
         return ""
     if unit == "share":
         return words.percent(value)
-    # Beyond 2^53 doubles skip integers: digits in full would pretend precision.
+    # Above 2^53 doubles skip integers: all digits would pretend precision.
     whole = float(value).is_integer() and abs(value) < 2**53
     return f"{value:,.0f}" if whole else plain(f"{value:.6g}")
 
@@ -396,7 +395,7 @@ FILTERS: Filters = {
 
 
 def _values(verification: Verification) -> dict[str, Any]:
-    """Return the values of both templates, page and text."""
+    """Return the values for both templates, page and text."""
     return {
         "found": verification,
         "defects": verification.defects(),
@@ -427,12 +426,12 @@ def table(verification: Verification) -> str:
 
 
 def write_junit(verification: Verification, path: Path) -> None:
-    """Write one test case for each hogel as JUnit XML, whole or not at all."""
+    """Write one test case for each hogel as JUnit XML, completely or not at all."""
     named = "; ".join(defect["words"] for defect in verification.defects()) or "no fault named"
     scene, cases = verification.scene.name, []
     for hogel in verification.hogels:
         exceeded = "; ".join(map(words.check_words, (c for c in hogel.checks if c.held is False)))
-        # JUnit has no such outcome: a test that could not be judged must not pass.
+        # JUnit has no outcome for a hogel that cannot be judged; it must not pass.
         if hogel.verdict is Outcome.NOT_JUDGED:
             exceeded = words.NOTHING_TO_JUDGE
         figures = "" if hogel.as_found is None else words.figures_words(hogel.as_found)

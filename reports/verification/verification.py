@@ -1,8 +1,8 @@
 """`xfrustum verify`: verdict on a foreign renderer, and a diagnosis where it is wrong.
 
-Steps: test the request, open the source of images, decode a sample of hogels, diagnose it
-(`compare.diagnosis`), judge every hogel by the nominal model and by the diagnosed one
-(`compare.judging`), test the diagnosis on all of them, and return the record
+Steps: test the request, open the source of images, decode and diagnose a sample of hogels
+(`compare.diagnosis`), judge every hogel by the nominal and by the diagnosed model
+(`compare.judging`), test the diagnosis on all hogels, and return the record
 (`verdict.Verification`).
 """
 
@@ -40,14 +40,14 @@ from xfrustum.scenes import HogelImage, Scene, open_scene
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 
 Item = TypeVar("Item")
-#: figures of a hogel as found, and as corrected
+#: figures of a hogel as delivered, and as corrected
 FiguresPair = tuple[Figures, Figures]
 
 SAMPLE_SIDE = 5
-"""Columns and rows of diagnosed hogels: 25 distinguish all orders of apertures, many times over."""
+"""Columns and rows of diagnosed hogels: 25 hogels distinguish all orders of apertures."""
 
 MAX_SAMPLE_PIXELS, MIN_SAMPLE_HOGELS = 1 << 22, 4
-"""Pixels of all diagnosed hogels, which bounds the memory; smallest number of them."""
+"""Largest number of pixels of all diagnosed hogels, for memory; smallest number of hogels."""
 
 
 def verify(
@@ -58,10 +58,11 @@ def verify(
 ) -> Verification:
     """Judge the hogel images of any renderer, and name its defects.
 
-    `source` is files named by {i} and {j}, a place of files, or a function of scene and aperture;
-    single fields of `VerifyOptions` may be passed by name.
+    `source` is a pattern of files with {i} and {j}, a folder, a file, or a function of scene and
+    aperture. Fields of `VerifyOptions` may be passed by name.
 
-    InputError if the scene, the source or an option is not usable, or no aperture sees any object.
+    Raises InputError if the scene, the source or an option is unusable, or no aperture shows any
+    object.
     """
     options = replace(options or VerifyOptions(), **fields)
     usable = open_scene(scene) if isinstance(scene, str) else scene
@@ -81,17 +82,17 @@ def with_tested_diagnosis(verification: Verification) -> Verification:
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """Models by which hogels are judged: as declared, and as diagnosed."""
+    """Declared and diagnosed models by which hogels are judged."""
 
     #: nominal model with the accepted conventions
     model: RendererModel
     findings: Findings
-    #: whether another reading of the pixels is accepted
+    #: whether an encoding other than the requested encoding is accepted
     accepts_reading: bool
 
     @property
     def corrects(self) -> bool:
-        """True if correction reads or draws anything in another way than the verdict does."""
+        """True if the correction changes the encoding or the model of the verdict."""
         encoding = self.findings.encoding
         reads = encoding.reading is not None and not self.accepts_reading
         return (
@@ -101,7 +102,7 @@ class Question:
 
 @dataclass(kw_only=True, eq=False)
 class Run:
-    """One verification under way; images of the sample are kept until they are judged."""
+    """A running verification; images of the diagnosed sample are kept until they are judged."""
 
     request: Request
     reference: Reference
@@ -109,7 +110,7 @@ class Run:
     kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
 
     def verified(self) -> Verification:
-        """Diagnose some hogels, judge all or a sample, and return the verification."""
+        """Diagnose some hogels, judge all hogels or a sample, and return the verification."""
         request, hogels, extent = self.request, list[Hogel](), None
         scene, sample, options = request.scene, request.sample, request.options
         total = len(request.apertures) + len(sampled(request.apertures, scene))
@@ -141,7 +142,7 @@ class Run:
 
     @property
     def judging(self) -> Judging:
-        """Comparison of images as requested, by the cameras of the source."""
+        """Requested comparison of images, with the cameras of the source."""
         return replace(self.request.limits.judging, directions=self.source.directions)
 
     def question(self, done: Callable[[], object] = lambda: None) -> Question:
@@ -168,7 +169,7 @@ class Run:
     def hogels(
         self, question: Question, apertures: Iterable[Aperture]
     ) -> Iterator[tuple[Hogel, FiguresPair | None]]:
-        """Judge some hogels; yield them in order, with figures where there is an image.
+        """Judge hogels and yield them in order, with figures if there is an image.
 
         Images are read in the caller's thread.
         """
@@ -200,7 +201,7 @@ class Run:
         image: HogelImage | Problem,
         reference: Reference,
     ) -> tuple[Hogel, FiguresPair | None]:
-        """Judge one hogel; return it with its figures as found and as corrected, or None."""
+        """Judge a hogel; return it with its figures as delivered and as corrected, or None."""
         if isinstance(image, Problem):
             return Hogel(aperture=aperture, problem=str(image)), None
         findings, limits = question.findings, self.request.limits
@@ -221,7 +222,7 @@ class Run:
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
-    """Return the apertures to be diagnosed: spread over the plate, few enough for the memory."""
+    """Return the apertures to diagnose: spread over the plate, within the bound of memory."""
 
     def spread(items: Sequence[Item], most: int) -> list[Item]:
         places = np.unique(np.linspace(0, len(items) - 1, most).astype(int))

@@ -24,10 +24,10 @@ from xfrustum.scenes.representation import percent_up
 if TYPE_CHECKING:
     from xfrustum.reports.verification.verdict import Verification
 
-# Hogels that a sentence or the terminal names one by one.
+# Largest number of hogels that a sentence or the terminal names.
 MAX_LISTED = 10
 
-# Largest difference from half a pitch at which apertures stand at the corners of hogels, pitches.
+# Largest deviation of an offset from half a pitch to count as hogel corners, pitches.
 CORNER_PITCHES = 0.01
 
 NOTHING_TO_JUDGE = (
@@ -43,7 +43,7 @@ JUDGED = {
     "outlines": "geometry: where pictures show something, and where outlines run, in whatever "
     "shading; not what lies between outlines",
 }
-"""Judged property by `HogelNumbers.by`; plain pictures are else judged by colors."""
+"""Judged property by `HogelNumbers.by`; other plain pictures are judged by colors."""
 
 UNITS = {
     10.0: ("millimeters", "centimeters"),
@@ -62,7 +62,7 @@ PLACES = {
     "column": "column of hogels",
     "shown": "where images show",
 }
-"""Ways to divide pixels by place."""
+"""Groups by which wrong pixels are counted, with their names."""
 
 text = partial(template_sentence, "verify-words.txt.j2")
 
@@ -73,7 +73,7 @@ def percent(fraction: float) -> str:
 
 
 def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
-    """Return the sentence of a defect; `by` names the evidence that leaves alternatives open."""
+    """Return the sentence of a defect; `by` is the evidence that does not exclude alternatives."""
     words = text("defect_words", defect=defect, facts=_facts(defect, scene))
     others = f"; or {', or '.join(defect.alternatives)}: {by} cannot tell"
     return words + others if defect.alternatives else words
@@ -99,7 +99,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
     if axis != "z":
         place = "xy".index(axis)
         facts["plate"] = plate = scene.plate.size[place]
-        # The usual mistake: hogel corners instead of centers, an offset of half a pitch.
+        # A frequent mistake is an offset of half a pitch: hogel corners instead of centers.
         pitches = abs(value) * scene.plate.hogels[place] / plate
         facts["corner"] = group == "aperture-offset" and abs(pitches - 0.5) <= CORNER_PITCHES
         if group == "fov" and scene.frustum.fov is not None:
@@ -107,7 +107,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
             # The film scales with the tangent of half the angle, not with the angle.
             made = 2 * math.atan(math.tan(angle / 2) * value)
             facts["angles"] = math.degrees(made), math.degrees(angle)
-    # The unit is inferred from the confidence interval: the value itself is never exact.
+    # Units are inferred from the confidence interval, because the value is never exact.
     # An interval that begins at zero is no evidence of any offset.
     facts["at_most"] = defect.high if defect.low is not None and defect.low <= 0 else None
     low, high = value if defect.low is None else defect.low, defect.high or value
@@ -122,7 +122,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
 def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
     """Return the sentence of a defect that explains too little, or makes right pixels wrong."""
     words, share = defect_words(defect, scene, witnesses(diagnosis)), defect.explains or 0.0
-    # Refuted guesses are parts of one correction: the last has the figures of all.
+    # Refuted guesses are parts of one correction; the last guess has the figures of all.
     parts = [guess for guess in diagnosis.does_not_explain if guess.refuted]
     if defect in parts[:-1]:
         return words
@@ -138,7 +138,7 @@ def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
 
 
 def witnesses(diagnosis: Diagnosis) -> str:
-    """Return the evidence that leaves alternatives open."""
+    """Return the evidence that does not exclude alternatives."""
     basis = diagnosis.evidence.basis
     return str(basis) if basis in (Basis.COLORS, Basis.OBJECTS) else "images"
 
@@ -162,14 +162,14 @@ def check_words(check: Check) -> str:
 
 
 def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
-    """Return the sentence of the figures of one hogel, or of all."""
+    """Return the sentence about the figures of one hogel or of all hogels."""
     counts = " or ".join(WRONG_FIGURES[name] for name in figures.by.split(" or "))
     whole = isinstance(figures, PlateNumbers)
     return text("figures_words", figures=figures, counts=counts, whole=whole)
 
 
 def where_words(where: Mapping[str, Any]) -> list[str]:
-    """Return where hogels are wrong, a line for each way to divide the pixels."""
+    """Return the places of wrong pixels, one line for each group of `PLACES`."""
     lines = []
     for group in (group for group in PLACES if group in where):
         worst = sorted(where[group].items(), key=lambda entry: -entry[1]["fraction"])[:6]
@@ -179,7 +179,7 @@ def where_words(where: Mapping[str, Any]) -> list[str]:
 
 
 def sentence(verification: Verification) -> str:
-    """Return the verdict, with the figures of the worst hogel that decided it."""
+    """Return the verdict with the figures of the worst hogel, which decides it."""
     return text("sentence", found=verification, nothing_to_judge=NOTHING_TO_JUDGE)
 
 
@@ -192,7 +192,7 @@ def claim(verification: Verification) -> str:
 
 
 def unexplained_words(verification: Verification) -> str:
-    """Return the sentence where no defect is named, with advice."""
+    """Return the sentence and the advice for images without a named defect."""
     wrong = [hogel.aperture for hogel in verification.hogels if hogel.verdict is Outcome.FAIL]
     black, numbers = 0, verification.as_found
     if numbers is not None and numbers.by == "outlines":
@@ -212,7 +212,7 @@ def explained_words(verification: Verification) -> str:
 
 
 def nothing_words(verification: Verification) -> str:
-    """Return the sentence where no defect was found, with wrong pixels within the limits."""
+    """Return the sentence for images without a defect, with wrong pixels within the limits."""
     counts = {
         hogel.aperture.index: (hogel.as_found.causes or {}).get("unexplained", 0)
         for hogel in verification.hogels

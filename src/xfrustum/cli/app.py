@@ -1,4 +1,4 @@
-"""The group of all commands: their order by use, each loaded from its module when it is called."""
+"""Group of all commands, ordered by use; a command is loaded from its module when it is called."""
 
 import os
 import re
@@ -13,12 +13,12 @@ from xfrustum.cli.options import COUNT_FROM_1, Read
 #: Module of `commands` and names of commands by use, in the usual order of work.
 USES = {
     "Begin with a scene": ("scene", "scenes new check"),
-    "Answer for one aperture": ("aperture", "trace raster"),
+    "Trace or draw one aperture": ("aperture", "trace raster"),
     "Compare and explain": ("comparing", "report compare budget"),
     "Plan settings": ("planning", "plan cost"),
     "Whole plates": ("plates", "plate survey"),
     "Verify another renderer": ("verifying", "verify camera convert"),
-    "State what a renderer does": ("conformance", "conformance"),
+    "Certify a renderer": ("conformance", "conformance"),
     "The viewer's eye": ("eye", "view"),
     "Studies and benchmarks": ("studies", "study bench"),
     "Checks of xfrustum itself": ("studies", "selfcheck device"),
@@ -32,15 +32,15 @@ MODULES = {name: module for module, names in USES.values() for name in names.spl
 
 
 class Commands(click.Group):
-    """Group whose commands are loaded one by one, and listed by use."""
+    """Group of commands, each loaded on use; the help lists them by use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of all listed commands, those added by another program last."""
+        """Return the names of all listed commands; commands added by another program come last."""
         return [*MODULES, *(name for name, entry in self.commands.items() if not entry.hidden)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command of a name, None if there is none."""
-        # A renamed command fails with its new name and never runs it: options differ.
+        """Return a command by name, or None."""
+        # A renamed command fails and prints its new name; it never runs, because options differ.
         if cmd_name in REPLACED:
             instead = REPLACED[cmd_name]
             raise click.UsageError(
@@ -84,7 +84,7 @@ def _size(text: str) -> int:
 @click.option(
     "--max-input-memory",
     type=Read("SIZE", _size, "a size such as 800M or 4G"),
-    help="Memory that reading one file may take, such as 4G.  "
+    help="Largest memory for reading one file, such as 4G.  "
     "[default: 1G, or 64 times the file's size]",
 )
 @click.option(
@@ -95,7 +95,7 @@ def _size(text: str) -> int:
 @click.option(
     "--arrays",
     type=click.Choice(["auto", "llvm", "cuda"]),
-    help="Where the truth is computed: on processors or a card.  "
+    help="Compute the truth on processors (llvm) or an NVIDIA card (cuda).  "
     "[default: XFRUSTUM_DEVICE, or auto]",
 )
 @click.option(
@@ -114,7 +114,7 @@ def cli(
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
     """
-    # `main` reads this option before anything else can fail.
+    # `main` has read this option already, before anything else could fail.
     del traceback
     if arrays is not None:
         # Worker processes inherit it.

@@ -39,26 +39,26 @@ ALL = (*RASTER, "shadows", "interreflection", "samples")
 
 
 class Light(Asked):
-    """Settings of light on the command line; None leaves a setting as the scene has it."""
+    """Settings of light on the command line; None: the setting of the scene."""
 
     effects = option(
         options.Read("all|auto|NAME,..", str, ""),
-        "Effects that are simulated; auto: those that `check` lists.",
+        "Effects to simulate; auto: the effects that `check` lists.",
         default="auto",
     )
-    supersample = option(_SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}")
-    multisample = option(_SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}")
+    supersample = option(_SAMPLES, f"Sample points along each side of a pixel.{_OF_SCENE}")
+    multisample = option(_SAMPLES, f"Multisampling by OpenGL, samples per pixel.{_OF_SCENE}")
     aperture_samples = option(
         _POINTS,
-        f"Points of the aperture's area; P%: edges are off by no more; auto: 1/255.{_OF_SCENE}",
+        f"Sample points of an aperture; P%: error of edges at most P%; auto: 1/255.{_OF_SCENE}",
     )
     shadows = flag(
-        f"Shadows, exact; with interreflection by Mitsuba.{_OF_SCENE}",
+        f"Simulate shadows: exactly, or with --interreflection by Mitsuba.{_OF_SCENE}",
         "--shadows/--no-shadows",
         default=None,
     )
     interreflection = flag(
-        f"Light from other surfaces, by Mitsuba.{_OF_SCENE}",
+        f"Simulate light from other surfaces, by Mitsuba.{_OF_SCENE}",
         "--interreflection/--no-interreflection",
         default=None,
     )
@@ -88,7 +88,7 @@ class Light(Asked):
             sampling=replace(scene.sampling, **sampling),
             transport=replace(scene.transport, **transport),
         )
-        # Light paths without any simulated transport would have no effect.
+        # --samples has no effect without simulated transport.
         if self.samples is not None and not changed.transport.simulated:
             raise click.UsageError(
                 "--samples are light paths: ask for --shadows or --interreflection too"
@@ -101,7 +101,7 @@ class Light(Asked):
         apertures: tuple[Aperture, ...] | None = None,
         drawn: DoubleFrustum | None = None,
     ) -> frozenset[Effect]:
-        """Return the requested effects, of images of apertures (None: all), drawn or traced."""
+        """Return the effects of images at some apertures (None: all), drawn or traced."""
         from xfrustum.scenes.model.effects import Question, chosen
         from xfrustum.scenes.plate.double_frustum import Camera
 
@@ -114,8 +114,7 @@ class Light(Asked):
         """Return the tracer's name, and whether it traces light paths; UsageError if it cannot."""
         if not scene.transport.simulated:
             return named or "embree", False
-        # An explicit request must be met or refused; a request of the scene may be dropped with a
-        # note.
+        # Options must be obeyed or refused; settings of the scene may be dropped with a note.
         insisted = bool(self.shadows or self.interreflection)
         local_effects = self.effects != "auto"
         if named == "mitsuba" or (named is None and (insisted or not local_effects)):
@@ -133,5 +132,5 @@ class Light(Asked):
 def light_options(*names: str) -> Any:
     """Return some of the options as one Light; the others are None."""
     own = {name: vars(Light)[name] for name in names}
-    # Commands without an option read None there, as if it had been left out.
+    # A command without an option reads None, as if the user had left it out.
     return options.group(lambda **stated: Light(**(dict.fromkeys(ALL) | stated)), **own)

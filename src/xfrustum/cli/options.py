@@ -1,9 +1,9 @@
-"""Options that commands share, the kinds of values that they take, and how commands print.
+"""Options that commands share, kinds of option values, and printing of results.
 
-The options of a command are the attributes of a class (`Asked`), each stated once: its name, its
-kind and its help. The command gets one object with their values, whose types follow from the kinds.
-A kind is a function that reads text (`Read`). Nothing heavy is imported before a command runs, so
-that `--help` answers at once.
+The options of a command are attributes of a class (`Asked`): name, kind and help. The command
+receives one object with the values; the kinds determine their types. A kind is a function that
+reads text (`Read`). Nothing heavy is imported before a command runs, so that `--help` prints at
+once.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ LIMIT_EXCEEDED = 1
 #: `xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two.
 TRACERS = ("embree", "mitsuba")
 
-#: Word that lets the program choose the sub-apertures that a scene needs, or the worst apertures.
+#: Value by which the program chooses the number of sub-apertures, or the worst apertures.
 AUTO = "auto"
 
 
 @dataclass(frozen=True)
 class Declared:
-    """Parameters of click that make one attribute of a command."""
+    """Click parameters of one attribute of a command."""
 
     parameters: Callable[[str], list[click.Parameter]]
     make: Callable[..., Any] | None = None
@@ -65,23 +65,23 @@ def option(
 @overload
 def option(kind: click.ParamType[T], words: str, *flags: str) -> T | None: ...
 def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
-    """Return the option of an attribute, of a kind, with help; named like it, or by flags."""
+    """Return the option of an attribute, with kind and help text; `flags` override its name."""
 
     def parameters(name: str) -> list[click.Parameter]:
         named = flags or (f"--{name.replace('_', '-')}",)
         return [click.Option([name, *named], type=kind, help=words, **settings)]
 
-    # Create parameters late: the name of the attribute comes from its class.
+    # Create parameters late: the class gives the name of the attribute.
     return Declared(parameters)
 
 
 def choice(names: str, words: str, *flags: str, **settings: Any) -> Any:
-    """Return an option whose value is one of some names, which are given as one string."""
+    """Return an option whose value is one of some names, separated by spaces in `names`."""
     return option(click.Choice(names.split()), words, *flags, **settings)
 
 
 def flag(words: str, *flags: str, default: bool | None = False) -> bool:
-    """Return an option that is given or not, or, where it is named so, `--x/--no-x`."""
+    """Return a switch: an option without a value, or a pair `--x/--no-x`."""
     made: bool = option(click.BOOL, words, *flags, default=default, is_flag=True)
     return made
 
@@ -92,7 +92,7 @@ def argument(**settings: Any) -> Any:
 
 
 def group(make: Callable[..., T], **members: Any) -> T:
-    """Return options by name that are one attribute, made of their values."""
+    """Return several options as one attribute; `make` combines their values."""
 
     def parameters(_: str) -> list[click.Parameter]:
         return [
@@ -104,12 +104,12 @@ def group(make: Callable[..., T], **members: Any) -> T:
 
 
 def several(**members: Any) -> dict[str, Any]:
-    """Return options by name that are one attribute, a dictionary."""
+    """Return several options as one attribute, a dictionary by name."""
     return group(dict[str, Any], **members)
 
 
 class Asked:
-    """Options of a command; a subclass lists its own in order of help, then inherited ones."""
+    """Options of a command; the help lists options of the subclass before inherited options."""
 
     def __init__(self, **values: Any) -> None:
         vars(self).update(values)
@@ -118,9 +118,9 @@ class Asked:
 def command(
     example: str, within: click.Group | None = None
 ) -> Callable[[Callable[[Any], int | None]], click.Command]:
-    """Return the decorator of a command function, whose parameter `request` has a class of options.
+    """Return a decorator that makes a command of a function with the parameter `request`.
 
-    Its help ends with the example.
+    The annotation of `request` is the class of the options. The help ends with the example.
     """
 
     def made(function: Callable[[Any], int | None]) -> click.Command:
@@ -162,7 +162,7 @@ def present(**values: Any) -> dict[str, Any]:
 
 
 def is_given(parameter: str) -> bool:
-    """Return whether the current command's parameter has another source than its default."""
+    """Return whether the user set a parameter of the current command."""
     return (
         click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
     )
@@ -175,7 +175,7 @@ def flag_of(parameter: str) -> str:
 
 
 class Read(click.ParamType[T], Generic[T]):
-    """Kind of value: a function that reads text, and the expected form, named on ValueError."""
+    """Kind of value: a function that reads text; `wants` is the expected form, for errors."""
 
     def __init__(self, name: str, read: Callable[[str], T], wants: str) -> None:
         self.name, self.read, self.wants = name, read, wants
@@ -185,8 +185,8 @@ class Read(click.ParamType[T], Generic[T]):
         return self.name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> T:
-        """Return the value that was read."""
-        # A default.
+        """Return the value that a text means."""
+        # Defaults are values already.
         if not isinstance(value, str):
             return value  # type: ignore[no-any-return]
         try:
@@ -198,7 +198,7 @@ class Read(click.ParamType[T], Generic[T]):
 def list_of(
     kind: Read[T], by: str = ",", name: str | None = None, wants: str | None = None
 ) -> Read[tuple[T, ...]]:
-    """Return the kind of several values, separated by a character."""
+    """Return the kind of a list of values, separated by a character."""
     return Read(
         name or f"{kind.name}{by}..",
         lambda text: tuple(kind.read(part.strip()) for part in text.split(by)),
@@ -216,7 +216,7 @@ def or_auto(kind: Read[Any]) -> Read[Any]:
 
 
 def one_of(names: Iterable[S]) -> Read[S]:
-    """Return the reader of a value out of some names or enumeration members; case is ignored."""
+    """Return the kind of a value that is one of some names or members; case is ignored."""
     known: tuple[Any, ...] = tuple(names)
     words = f"one of {', '.join(known)}"
     return Read(f"[{'|'.join(known)}]", lambda text: known[known.index(text.lower())], words)
@@ -225,7 +225,7 @@ def one_of(names: Iterable[S]) -> Read[S]:
 def number(
     text: str, kind: type[Any] = float, least: float = -math.inf, below: float = math.inf
 ) -> Any:
-    """Return a number in a range without its upper end; ValueError for any other number."""
+    """Return a number in [least, below); ValueError for any other number."""
     value = kind(text)
     # NaN fails every comparison, and is refused here as well.
     if not least <= value < below:
@@ -338,15 +338,15 @@ FOLDER: click.ParamType[Path] = click.Path(path_type=Path)
 
 
 _SETTINGS_HELP = {
-    "near": "Offset of both cameras, 0 < N < reach.",
+    "near": "Near offset of both cameras, scene units, 0 < N < reach.",
     "depth": "Depth buffer format.",
     "mapping": "Depth mapping.",
     "pivot": "Center of the shear.",
     "fit": "Height |z| drawn exactly.  [default: the first cut, or angle]",
-    "offset": "Whether cameras step back.",
+    "offset": "Move cameras off the plate (plate) or not (none).",
     "slabs": "Heights |z| at which both frusta are cut.",
     "camera": "Which cameras draw.",
-    "cull": "Faces left out, by winding.",
+    "cull": "Faces to leave out, by winding.",
 }
 
 
@@ -358,7 +358,7 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
     for name, words in _SETTINGS_HELP.items():
         default = defaults[name]
         if isinstance(default, StrEnum):
-            # Enumerations name their default in the help only: None still marks an absent option.
+            # Only the help names the default of an enumeration: None must mark an absent option.
             kinds[name] = one_of(type(default))
             words = f"{words}  [default: {default}]"  # noqa: PLW2901
         needed = {"required": True} if required and name == "near" else {}
@@ -367,9 +367,9 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
 
 
 def settings_of(**values: Any) -> DoubleFrustum | None:
-    """Return the settings that options name; None if none does."""
+    """Return the settings of the two cameras; None without options."""
     named = present(**values)
-    # Without near no pair of cameras is defined, and a lone setting would silently have no effect.
+    # Without near there are no cameras, and another setting would have no effect.
     if named and "near" not in named:
         raise click.UsageError(
             f"--{next(iter(named))} is a setting of the two cameras: give --near too"
@@ -391,7 +391,7 @@ def engine_of(part: tuple[int, int] | None = None, **values: Any) -> Engine | No
 
     if part is not None:
         chosen["part"] = Part(number=part[0], count=part[1])
-        # A part without a scheduler is a separate job, with one process unless stated.
+        # A part without a scheduler is a separate job, by default with one process.
         if "scheduler" not in chosen:
             # Also for part 1/1: a job array may have one job.
             chosen.setdefault("workers", 1)
@@ -405,9 +405,13 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
     """
     members = {
         "scheduler": option(TEXT, "Address of a Dask scheduler, such as tcp://host:8786."),
-        "workers": option(COUNT_FROM_1, f"Processes of this machine.  [default: {default}]"),
-        "devices": option(_DEVICES, "EGL devices by index, taken in turn.  [default: GPUs]"),
-        "part": option(_PART, "Do one of N parts, without Dask: for job arrays."),
+        "workers": option(
+            COUNT_FROM_1, f"Number of processes on this machine.  [default: {default}]"
+        ),
+        "devices": option(
+            _DEVICES, "Indices of EGL devices, assigned to processes in turn.  [default: GPUs]"
+        ),
+        "part": option(_PART, "Compute part K of N, as one job of a job array, without Dask."),
     }
     return group(
         engine_of,
@@ -416,7 +420,7 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
 
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Return a request for file names, and the built-in scenes whose names begin like a word."""
+    """Return completions of a word: file names, and built-in scenes that begin with it."""
     # Click passes both arguments; neither is used.
     del context, parameter
     # Completion must answer within a keystroke: only names are imported.
@@ -439,7 +443,7 @@ def _accepted(text: str) -> tuple[str, ...]:
     kind = one_of((*ACCEPTABLE, "all"))
     return (
         ACCEPTABLE
-        # The word expands to explicit names, so that records show each accepted convention.
+        # Expand the word, so that records name each accepted convention.
         if text == "all"
         else tuple(kind.convert(part, None, None) for part in text.split(","))
     )
@@ -450,7 +454,9 @@ LAYOUT_OR_ZARR = Read("LAYOUT", lambda text: _layout(text, "zarr"), "the name of
 ACCEPTED = Read("NAME,NAME,..", _accepted, "a list of conventions")
 
 scene_argument: str = argument(shell_complete=_scenes)
-aperture_option = option(INDEX, "Column,row on the plate.  [default: the middle]")
+aperture_option = option(
+    INDEX, "Column,row of the aperture, row 0 at the top.  [default: the middle]"
+)
 
 
 def _device_model(text: str) -> DeviceModel:
@@ -461,28 +467,34 @@ def _device_model(text: str) -> DeviceModel:
 
 device_option = option(
     Read("FILE", _device_model, ""),
-    "device.json of the machine that draws.  [default: as known]",
+    "device.json (written by `device`) of the machine that draws.  [default: detected]",
     "--device",
 )
-tracer_option = option(one_of(TRACERS), "Ray tracer.", default="embree")
+tracer_option = option(one_of(TRACERS), "Ray tracer for the second opinion.", default="embree")
 decided_by_option = choice(
-    "certified embree mitsuba", "Certified truth, or a tracer's own picture.", default="certified"
+    "certified embree mitsuba",
+    "Decide pixels by certified truth, or by a bare ray tracer.",
+    default="certified",
 )
 truth_option = choice(
-    "auto directions hogels", "Order in which truths of a whole plate are decided.", default="auto"
+    "auto directions hogels",
+    "Order in which the truths of a plate are computed; results are equal.",
+    default="auto",
 )
-tolerance_option = option(POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX)
-seed_option = option(click.IntRange(0), "Start of the random numbers.", default=0)
+tolerance_option = option(
+    POSITIVE, "Largest displacement of 99 % of the points, pixels.", default=TOLERANCE_PX
+)
+seed_option = option(click.IntRange(0), "Seed of the random numbers.", default=0)
 encoding_option = choice(
     "rgb srgb triangle-id object-id",
-    "What pixels of pictures hold; not for OpenEXR.  [default: rgb]",
+    "Meaning of pixel values in pictures; OpenEXR files have channel names.  [default: rgb]",
 )
 
 
 class Printed(Asked):
     """A command that prints its result as text, or as one JSON object."""
 
-    as_json = flag("One JSON object on standard output.", "--json")
+    as_json = flag("Print one JSON object on standard output.", "--json")
 
     def tell(self, summary: Callable[[], Any], text: Callable[[], str]) -> None:
         """Print the result on standard output."""
@@ -498,11 +510,11 @@ class Printed(Asked):
 class Measured(Printed):
     """Command with a progress bar and printed results."""
 
-    quiet = flag("No progress bar.")
+    quiet = flag("Show no progress bar.")
 
     @property
     def progress(self) -> bool:
-        """Display of a bar on standard error."""
+        """True if a progress bar is shown on standard error."""
         return not self.quiet
 
 
@@ -512,11 +524,11 @@ class OneOrAuto(Measured):
     scene = scene_argument
     aperture = aperture_option
     auto: str | None = option(
-        one_of([AUTO]), "The middle one and the worst of the plate.", "--apertures"
+        one_of([AUTO]), "auto: the middle aperture and the worst of the plate.", "--apertures"
     )
 
     def chosen(self, scene: Scene) -> Aperture | AutoApertures:
-        """Return the aperture of an index, the middle one, or the `--apertures auto` choice."""
+        """Return the aperture of `--aperture`, the middle, or the choice of `--apertures auto`."""
         if self.auto is not None and self.aperture is not None:
             raise click.UsageError(ONE_OR_MANY)
         # The scan of the whole plate takes seconds, and runs only on request.
@@ -549,7 +561,7 @@ def check_out(folder: Path | None, files: Sequence[str]) -> None:
 
 
 def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
-    """Return the aperture of an index; the middle one where None."""
+    """Return the aperture of an index; the middle aperture for None."""
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
@@ -559,7 +571,7 @@ def indices_of(
     """Return the columns and rows of blocks of apertures; None for the whole plate."""
     from xfrustum.reports.plate.plate import blocks_of_apertures
 
-    # A block of all columns and all rows is the whole plate, for which no list of indices is built.
+    # All columns and all rows are the whole plate, which needs no list of indices.
     if blocks is None or (None, None) in blocks:
         return None
     return [aperture.index for aperture in blocks_of_apertures(scene.plate, blocks)]
@@ -577,10 +589,10 @@ def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
 
 
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
-    """Refuse apertures that see nothing; warn on standard error of cut and of tiny objects.
+    """Refuse apertures that show nothing; warn on standard error of cut and of tiny objects.
 
-    Where the answer is a picture, black may be right: then apertures that see nothing are a warning
-    as long as another one sees something, and in hard cases, which are empty on purpose.
+    With `black_is_right`, for commands that write a picture, such apertures cause only a warning if
+    another aperture of the plate shows something, and in hard cases.
     """
     from xfrustum.reports.scene_check import sight
     from xfrustum.scenes.errors import InputError
@@ -592,7 +604,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
         return
     if not black_is_right:
         raise InputError(unseen)
-    # Hard cases may be empty on purpose; any other scene must show something somewhere.
+    # Hard cases may be empty on purpose; any other plate must show something.
     if scene.source not in hard_cases.CASES:
         sight.require_seen(scene, scene.plate.apertures())
     say(f"warning: {unseen}")

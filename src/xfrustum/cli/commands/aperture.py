@@ -32,10 +32,10 @@ class _Trace(options.Measured):
 def trace(request: _Trace) -> None:
     """Trace the truth of one aperture and write it as EXR.
 
-    With --json, it is counted how many pixels Embree alone and Mitsuba alone would have got wrong.
+    With --json, count the pixels that Embree alone and Mitsuba alone would get wrong.
 
-    With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
-    their variance in the channels variance.R, variance.G and variance.B.
+    With interreflection, the color of a pixel is the mean of light paths traced by Mitsuba; the
+    channels variance.R, variance.G and variance.B have its variance. Shadows alone are exact.
     """
     opened = request.light.applied(options.open_scene(request.scene))
     chosen = options.chosen_aperture(opened, request.aperture)
@@ -53,7 +53,7 @@ def trace(request: _Trace) -> None:
         record = trace_alone(reference, chosen, request.out)
     else:
         who, transported = request.light.tracer(opened, request.tracer)
-        # Light paths may take hours: their duration is estimated before they begin.
+        # Light paths may take hours: estimate the duration before they start.
         ahead = None if request.quiet else forecast(opened, transported=transported)
         if ahead is not None:
             options.note(ahead)

@@ -1,4 +1,4 @@
-"""`report`, `compare`, `budget`: errors of the raster, swept, of two images, and by cause."""
+"""`report`, `compare`, `budget`: a sweep of settings, errors of one image, errors by cause."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.plate.plate import Aperture
 
-# The word none is an element of a sweep: frusta without cuts, next to cut ones.
+# The word none is an element of a sweep: frusta without cuts, next to frusta with cuts.
 _CUT = options.Read("Z,Z", lambda text: () if text.lower() == "none" else NUMBERS.read(text), "")
 _CUTS = list_of(_CUT, ";", "Z,Z;none", "lists of heights such as '15,40;20;none'")
 
@@ -36,11 +36,11 @@ class _Report(options.Measured):
     sweep = several(
         nears=option(
             NUMBERS,
-            "Offsets in scene units.  [default: 25, from 1e-1 to 1e-8 of the reach]",
+            "Near offsets, scene units.  [default: 25, from 1e-1 to 1e-8 of the reach]",
             "--near",
         ),
         depths=option(
-            DEPTHS, "Depth buffers, such as d24,d32f:reversed.  [default: five]", "--depth"
+            DEPTHS, "Depth buffers, such as d24,d32f:reversed.  [default: five of them]", "--depth"
         ),
         pivots=option(
             list_of(one_of(Pivot)),
@@ -51,13 +51,17 @@ class _Report(options.Measured):
             list_of(FIT), "Heights |z| drawn exactly.  [default: the first cut, or angle]", "--fit"
         ),
         offsets=option(
-            list_of(one_of(Offset)), "Whether cameras step back.  [default: plate]", "--offset"
+            list_of(one_of(Offset)),
+            "Move cameras off the plate (plate) or not (none).  [default: plate]",
+            "--offset",
         ),
-        slabs=option(_CUTS, "Heights |z| of cuts, such as '15,40;20;none'.  [default: none]"),
+        slabs=option(
+            _CUTS, "Heights |z| of cuts: sets to sweep, such as '15,40;20;none'.  [default: none]"
+        ),
         # Click would print the member's name instead of its value.
         cull=option(
             one_of(Cull),
-            "Faces left out.  [default: none]",
+            "Faces to leave out, by winding.  [default: none]",
             default=Cull.NONE,
             show_default=False,
         ),
@@ -75,7 +79,7 @@ class _Report(options.Measured):
     decided_by = options.decided_by_option
     light = light_options(*ALL)
     device = options.device_option
-    out = option(FOLDER, "Folder.  [default: report/NAME]")
+    out = option(FOLDER, "Folder for the report.  [default: report/NAME]")
 
 
 @options.command("xfrustum report car --near 1,0.1,0.01 --depth d24,d32f:reversed --out report")
@@ -83,12 +87,12 @@ def report(request: _Report) -> None:
     """Sweep near planes and depth formats; write pages, report.json and measurements.parquet.
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered
-    frustum is measured at two corners of the plate too. With --apertures auto, a look through
-    hundreds of apertures chooses the worst ones, and the page has a map of the plate. Without
-    causes it takes a third of the time: wrong pixels are counted and shown, and not explained.
+    frustum is measured at two corners of the plate too. With --apertures auto, a scan of hundreds
+    of apertures chooses the worst, and the page has a map of the plate. --no-causes takes a third
+    of the time: wrong pixels are counted and shown, but not explained.
     """
     check_no_other_tracer(
-        # The default tracer does not conflict with other options, but a stated one may.
+        # Only a tracer that the user names may conflict with other options.
         request.tracer if options.is_given("tracer") else None,
         request.decided_by,
     )
@@ -125,17 +129,17 @@ def report(request: _Report) -> None:
 class _Compare(options.Printed):
     truth: Path = options.argument(type=FOLDER)
     raster: Path = options.argument(type=FOLDER)
-    out = option(FOLDER, "Folder for error pictures.")
+    out = option(FOLDER, "Folder for pictures of the errors.")
 
 
 @options.command("xfrustum compare truth.exr raster.exr --out compared")
 def compare(request: _Compare) -> None:
-    """Compare a raster image with the truth, both EXR."""
+    """Compare a raster image with the truth; both are EXR files."""
     from xfrustum.scenes.disk.input_files import regular_size
 
     options.check_out(request.out, ())
     for image in (request.truth, request.raster):
-        # Pipes and devices are refused before imports of seconds, and before they block.
+        # Refuse pipes and devices before they block, and before imports that take seconds.
         regular_size(image, "image file")
     from xfrustum.reports import comparison
     from xfrustum.reports.text import comparison_table
@@ -153,17 +157,17 @@ class _Budget(options.OneOrAuto):
     settings = options.settings_options(required=True)
     light = light_options(*BUDGET)
     device = options.device_option
-    out = option(FOLDER, "Folder for a page, and pictures of causes and links.")
+    out = option(FOLDER, "Folder for a page and pictures of causes and links.")
 
 
 @options.command("xfrustum budget car --near 0.1 --out budget")
 def budget(request: _Budget) -> None:
-    """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
+    """Charge every wrong pixel of an image to its cause, and split the radiance error by cause.
 
-    With --apertures auto, of one image for each of several apertures.
+    --apertures auto does so at the middle aperture and the worst apertures.
     """
     opened = request.light.applied(options.open_scene(request.scene))
-    # Settings are tested before the scan of a plate, which takes longer.
+    # Test the settings before the scan of a plate, which takes longer.
     request.settings.check_against(opened.frustum)
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports import budget as budgeting

@@ -1,4 +1,4 @@
-"""`conformance`: a renderer through a frozen suite of cases, and a statement that can be cited."""
+"""`conformance`: judge a renderer by a frozen suite of cases, and write a citable statement."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _SHOWN = ("name", "level", "why", "asked", "accepted", "hogels", "resolution", "
     epilog="\b\nExample:\n  xfrustum conformance run --python renderer:draw --level L0",
 )
 def conformance() -> None:
-    """Take a renderer through a frozen suite of cases, and state its conformance."""
+    """Judge a renderer by a frozen suite of test cases, and write a statement of conformance."""
 
 
 class _Chosen(options.Measured):
-    level = option(_LEVELS, "Levels, such as L0,L1.  [default: all]", default=())
+    level = option(_LEVELS, "Levels of cases, such as L0,L1.  [default: all]", default=())
     case = option(_NAMES, "Names of cases.  [default: all]", default=())
 
     @property
@@ -65,15 +65,15 @@ def list_(request: _Chosen) -> None:
 
 class _Show(options.Printed):
     name: str = options.argument()
-    out = option(FOLDER, "Folder for the case as renderers get it, and for the true images.")
+    out = option(FOLDER, "Folder for the input files of the case and its true images.")
 
 
 @options.command("xfrustum conformance show L0-behind --out first", conformance)
 def show(request: _Show) -> None:
-    """Show a case; with --out, write its folder to case/, and the true images to truth/."""
+    """Print a case; with --out, write its input files to case/ and its true images to truth/."""
     from xfrustum.scenes.conformance.suite import chosen
 
-    # An unknown name has raised InputError here, with the known ones.
+    # An unknown name raises InputError with the list of known names.
     (case,) = chosen(names=(request.name,))
     from xfrustum.reports.common.outputs import refused
     from xfrustum.reports.conformance import cases, run
@@ -96,13 +96,15 @@ def show(request: _Show) -> None:
 
 
 class _Judged(_Chosen):
-    truths = option(FOLDER, "Archive of `export`: truths are unpacked, not traced.", "--truth")
+    truths = option(
+        FOLDER, "Archive of `conformance export`: unpack truths instead of tracing them.", "--truth"
+    )
     renderer = option(TEXT, "Name of the renderer in the statement.  [default: as given]")
-    device = option(TEXT, "Device of the renderer: its device.json, or a name.")
+    device = option(TEXT, "Device that drew: its device.json, or a name.")
     out = option(FOLDER, "Folder for index.html, junit.xml, statement.json, badge.json.")
 
     def judge(self, renderer: CaseRenderer) -> int:
-        """Take the renderer through the cases, write and print verdicts; return the exit status."""
+        """Judge the renderer by the cases, write and print verdicts; return the exit status."""
         if not self.cases:
             raise click.UsageError("no case has these names in these levels")
         from xfrustum.compare.judging.judged import ANY_DEVICE
@@ -111,10 +113,10 @@ class _Judged(_Chosen):
         from xfrustum.scenes.model.device_model import DeviceModel
 
         options.check_out(self.out, statement.FILES)
-        # Without its device.json any permitted rounding of a device is accepted.
+        # Without a device.json, any rounding that OpenGL permits is accepted.
         name, model = self.device or "not stated", ANY_DEVICE
         if name.endswith(".json"):
-            # Certain pixels then follow this device's rounding, which makes verdicts stricter.
+            # Verdicts are stricter: pixels must follow the rounding of this device.
             model = DeviceModel.read(Path(name))
             name = model.name
         judging = run.RunOptions(
@@ -135,26 +137,30 @@ class _Judged(_Chosen):
 
 
 class _Run(_Judged):
-    command = option(TEXT, "Program, run once for each case: 'my-renderer {case} {out}'.")
-    images = option(TEXT, "Folder of images: DIR/NAME/hogel_{i}x{j}.png or .exr.")
-    python = option(TEXT, "Function in Python, module:function.")
-    timeout_s = option(POSITIVE, "Seconds per case of a program.", "--timeout", default=60.0)
+    command = option(TEXT, "Program to run once for each case, such as 'my-renderer {case} {out}'.")
+    images = option(
+        TEXT, "Folder of finished images: DIR/NAME/hogel_{i}x{j}.png or .exr, NAME of the case."
+    )
+    python = option(TEXT, "Python function to call, module:function.")
+    timeout_s = option(
+        POSITIVE, "Time limit of the program for each case, seconds.", "--timeout", default=60.0
+    )
 
 
 @options.command(
     "xfrustum conformance run --command 'my-renderer {case} {out}' --out statement", conformance
 )
 def run(request: _Run) -> int:
-    """Take a renderer through the suite; exit status 1 if any case fails.
+    """Run a renderer on each case of the suite and judge its images; exit status 1 if a case fails.
 
     For each case the folder {case} holds scene.obj, scene.glb, cameras.json, scene.npz and
-    case.json, and the renderer writes {out}/hogel_{i}x{j}.png or .exr for each hogel of case.json;
-    or the file {out}/unsupported with the reason.
+    case.json. The renderer writes {out}/hogel_{i}x{j}.png or .exr for each hogel of case.json, or a
+    file {out}/unsupported with the reason.
     """
     from xfrustum.scenes.arguments import check_program
 
     if request.command is not None:
-        # Before imports that take seconds.
+        # Test the program before imports that take seconds.
         check_program(request.command)
     from xfrustum.reports.conformance.run import CaseRenderer
 
@@ -174,7 +180,7 @@ class _Judge(_Judged):
 
 @options.command("xfrustum conformance judge images --truth conformance-1.0.zip", conformance)
 def judge(request: _Judge) -> int:
-    """Judge images drawn elsewhere: IMAGES/NAME/hogel_{i}x{j}.png or .exr; else as `run`."""
+    """Judge finished images, IMAGES/NAME/hogel_{i}x{j}.png or .exr; exit status as of `run`."""
     from xfrustum.reports.conformance.run import CaseRenderer
 
     return request.judge(CaseRenderer(images=request.images))
@@ -186,7 +192,7 @@ class _Export(_Chosen):
 
 @options.command("xfrustum conformance export --out archive", conformance)
 def export(request: _Export) -> None:
-    """Write an archive of all case folders and truths, for machines that do not trace."""
+    """Write an archive of all case folders and true images, for machines that cannot trace."""
     from xfrustum.reports.common.outputs import progress_bar
     from xfrustum.reports.conformance import cases
 

@@ -1,4 +1,4 @@
-"""`view`: pictures of eyes in front of the plate."""
+"""`view`: pictures seen by eyes in front of the plate."""
 
 from __future__ import annotations
 
@@ -31,22 +31,28 @@ _PLACES = options.list_of(
 class _Asked(options.Measured):
     scene = options.scene_argument
     places = option(
-        _PLACES, "Positions before the plate, such as 0,0,600;30,0,600.", "--eye", required=True
+        _PLACES,
+        "Positions of eyes in front of the plate, such as 0,0,600;30,0,600.",
+        "--eye",
+        required=True,
     )
     film = several(
-        resolution=option(RESOLUTION, "Pixels of an eye's film.  [default: 400,300]"),
+        resolution=option(
+            RESOLUTION, "Width and height of each picture, pixels.  [default: 400,300]"
+        ),
         pupil=option(POSITIVE, "Diameter of the pupil.  [default: a pinhole]"),
         focus=option(click.FLOAT, "Height z of the plane in focus.  [default: 0, the plate]"),
         beam=choice(
-            "box tent", "Beam of a hogel: its nearest pixel, or a mean of four.  [default: box]"
+            "box tent",
+            "Filter of a hogel: the nearest pixel (box), or four averaged (tent).  [default: box]",
         ),
     )
     settings = options.settings_options()
-    plate = option(FOLDER, "Show the hogels of this Zarr group.")
+    plate = option(FOLDER, "Show the hogels of this Zarr group, written by `plate`.")
     images = option(TEXT, "Show hogels of any renderer, such as 'DIR/{i}x{j}.png'.")
     encoding = options.encoding_option
     light = light_options("effects")
-    quilt = option(TILES, "Write quilts alone: tiles of views, 40 degrees from first to last.")
+    quilt = option(TILES, "Write only quilts, CxR tiles: views across 40 degrees.")
     out = option(FOLDER, "Folder for the page and the pictures.")
 
     def source(self, scene: Scene) -> Source | None:
@@ -67,10 +73,11 @@ class _Asked(options.Measured):
     "xfrustum view asymmetric --eye 0,0,600 --near 0.1 --resolution 160,120 --out seen"
 )
 def view(request: _Asked) -> None:
-    """Show the scene to eyes before the plate: itself, its replayed truth, and a renderer's hogels.
+    """Draw an eye's view of the scene, of a display of the true hogels, and of a renderer's hogels.
 
-    The renderer is ours with --near and its other options, a stored plate, or image files of any
-    renderer; without these only the display is judged. --out writes a page, OpenEXR and PNG files.
+    The renderer's hogels are drawn by xfrustum (--near and its other options), or read from a
+    stored plate (--plate) or image files (--images); without these only the display is judged.
+    --out writes a page, OpenEXR and PNG files.
     """
     out = request.out
     # A view has a single source of hogels, because errors of two sources would mix.
@@ -85,12 +92,12 @@ def view(request: _Asked) -> None:
     from xfrustum.scenes.model.eye import Eye
 
     eyes = [Eye(position=place, **options.present(**request.film)) for place in request.places]
-    # A quilt has its own row of eyes around the given eye, and writes only files.
+    # A quilt has a row of eyes around the given eye, and writes only files.
     if request.quilt is not None and (out is None or len(eyes) > 1):
         raise click.UsageError("--quilt needs --out and one eye")
     options.warn_of(opened)
     source = request.source(opened)
-    # Rays of an eye pass one point of a hogel: there is no area to average over.
+    # Rays of an eye pass through one point of a hogel: there is no area to average over.
     if opened.sampling.aperture * opened.sampling.supersample * opened.sampling.multisample > 1:
         options.note("views have one sample a pixel; the sampling of the scene is ignored")
     show = partial(

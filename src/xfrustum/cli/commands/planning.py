@@ -1,4 +1,4 @@
-"""`plan`, `cost`: settings that keep a requirement, and error against time of all settings."""
+"""`plan`, `cost`: settings that meet a requirement, and error against time of all settings."""
 
 from __future__ import annotations
 
@@ -36,25 +36,28 @@ class _Plan(options.Measured):
         options.INDEX, "Column,row: plan for this aperture alone.  [default: the plate]"
     )
     apertures = option(
-        or_auto(options.COUNT), "Plan for so many: middle, corners, then between; auto: the worst."
+        or_auto(options.COUNT),
+        "Plan for N apertures: middle, corners, then between; auto: the worst.",
     )
     required = several(
         tolerance_px=option(
             options.POSITIVE,
-            "Displacement that 99 % may have.  [default: 0.5; with --viewer any]",
+            "Largest displacement of 99 % of the points, px.  [default: 0.5; with --viewer any]",
         ),
         separation=option(
-            options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"
+            options.POSITIVE, "Least distance of two sheets drawn in order.  [default: reach/1000]"
         ),
         max_wrong=option(
-            options.BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG
+            options.BELOW_1,
+            "Largest share of pixels with a wrong surface due to depth.",
+            default=MAX_DEPTH_WRONG,
         ),
         device=options.device_option,
     )
     eyes = group(
         _eyes,
         viewer=option(
-            options.LENGTH, "Viewing distance, such as 600mm: near that eyes do not notice."
+            options.LENGTH, "Viewing distance, such as 600mm: plan a near that eyes do not notice."
         ),
         acuity_arcmin=option(
             options.POSITIVE, "Visual acuity, arc minutes.  [default: 1]", "--acuity"
@@ -69,7 +72,7 @@ class _Plan(options.Measured):
     mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
     sample = option(
         options.COUNT_FROM_1,
-        "Random hogels at which the plan of a plate is measured.",
+        "Number of random hogels at which the plan is measured.",
         default=SAMPLED_HOGELS,
     )
     seed = options.seed_option
@@ -83,7 +86,7 @@ class _Plan(options.Measured):
             raise click.UsageError(options.ONE_OR_MANY)
         if self.aperture is None and self.apertures is None:
             return None
-        # Limits of eyes hold for the whole plate: a viewer sees its hogels together.
+        # Limits of eyes hold for the whole plate: a viewer sees all hogels together.
         if self.eyes:
             raise click.UsageError(
                 "a viewer sees all hogels at once: leave out --viewer, or --aperture and "
@@ -101,12 +104,12 @@ class _Plan(options.Measured):
 
 @options.command("xfrustum plan asymmetric --viewer 400mm --out plan")
 def plan(request: _Plan) -> None:
-    """Plan the fewest slabs and the most robust near, and name what binds near.
+    """Plan the fewest slabs and the most robust near, and name the binding constraint on near.
 
-    Pixels of hogels bound near from above, and with --viewer the eyes at that distance; depth
-    buffers bound it from below. The plan is made from the worst apertures of the plate, and
-    measured at these and at a random sample. With --aperture or --apertures it is made for these
-    alone. With --viewer and --tolerance-px both eyes and pixels count.
+    Depth buffers give a least near. The tolerance in pixels, or with --viewer the eyes at that
+    distance, gives a largest near; with --viewer and --tolerance-px both limits apply. The plan is
+    made for the worst apertures of the plate, and measured there and at a random sample; with
+    --aperture or --apertures it is made for these apertures alone.
     """
     opened = options.open_scene(request.scene)
     from xfrustum.compare.eye.noticeable import Viewer, scene_length
@@ -116,15 +119,15 @@ def plan(request: _Plan) -> None:
     from xfrustum.reports import planning
 
     options.check_out(request.out, planning.FILES)
-    # OpenGL is needed only after a search of minutes: fail early.
+    # The search takes minutes before OpenGL is needed: fail early.
     require_room(opened)
     viewer = None
     if request.eyes:
-        # Viewing distances have their own unit; scenes without a physical unit refuse one.
+        # A viewing distance may have a unit; a scene without a physical unit refuses it.
         distance = scene_length(request.eyes.pop("viewer"), opened)
         viewer = Viewer(distance=distance, **request.eyes)
     required = options.present(**request.required)
-    # A viewer replaces the limit in pixels; stating the tolerance too applies both.
+    # A viewer replaces the limit in pixels; with an explicit tolerance both apply.
     required["pixels_count"] = viewer is None or "tolerance_px" in required
     chosen = request.chosen(opened)
     report = planning.plan(
@@ -136,7 +139,7 @@ def plan(request: _Plan) -> None:
         progress=request.progress,
     )
     if chosen is None:
-        # The middle may miss objects that other hogels show; the scan refuses empty plates.
+        # Other hogels may show objects that the middle misses; the scan refuses empty plates.
         options.warn_of(opened)
     if request.out is not None:
         planning.write_plan(report, request.out)
@@ -145,7 +148,9 @@ def plan(request: _Plan) -> None:
 
 class _Cost(options.OneOrAuto):
     tolerance_px = options.tolerance_option
-    repeat = option(options.COUNT_FROM_1, "Timed pictures of each, after a warm-up.", default=5)
+    repeat = option(
+        options.COUNT_FROM_1, "Timed pictures of each configuration, after a warm-up.", default=5
+    )
     out = option(options.FOLDER, "Folder for the page and cost.json.")
 
 
@@ -153,8 +158,8 @@ class _Cost(options.OneOrAuto):
 def cost(request: _Cost) -> None:
     """Measure error against time of every configuration; name the cheapest within a tolerance.
 
-    The answer is given for the tolerance and for a fifth of it. With --apertures auto, pictures are
-    judged at several apertures, the worst of which counts.
+    The result names the cheapest for the tolerance and for a fifth of it. With --apertures auto,
+    errors are measured at several apertures, and the worst counts.
     """
     opened = options.open_scene(request.scene)
     from xfrustum.reports import cost as costs

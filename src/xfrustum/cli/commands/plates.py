@@ -1,4 +1,4 @@
-"""`plate`, `survey`: whole plates, drawn into a store, and hogels judged all over a plate."""
+"""`plate`, `survey`: draw whole plates into a store, and judge hogels all over a plate."""
 
 from __future__ import annotations
 
@@ -22,42 +22,46 @@ CHANNELS = ("color", "height", "triangle", "normal", "certainty")
 class _Plate(options.Measured):
     scene = options.scene_argument
     blocks = option(
-        options.BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures"
+        options.BLOCKS,
+        "Hogels to draw: columns,rows, such as 0-80,30;*,0-5.  [default: all]",
+        "--apertures",
     )
     by = choice(
         "auto directions hogels",
-        "Images of one pixel of all hogels, without near, or of one hogel.",
+        "Draw one pixel of all hogels at once, without near, or one hogel at a time.",
         default="auto",
     )
-    memory = option(options.MEMORY, "For tiles of hogels by directions, per process.", default="1G")
+    memory = option(
+        options.MEMORY, "Memory for tiles of hogels by directions, per process.", default="1G"
+    )
     named = options.group(options.present, **options.settings_members())
     light = light_options(*ALL)
     color = choice("uint8 float16 float32", "Number type of the linear RGB.", default="float16")
     ids = flag("Store triangle numbers too: the channel triangle.")
     channels = option(
         options.list_of(options.one_of(CHANNELS), name="NAME,NAME,.."),
-        "Images; certainty is of truths alone.  [default: color]",
+        "Channels to store; certainty only with --truth.  [default: color]",
         default=(),
     )
     block = option(
         options.TILES,
-        "Hogels in one shard.  [default: at most 16x16 and 64 MiB; by directions 512x64]",
+        "Hogels in one shard file.  [default: at most 16x16 and 64 MiB; by directions 512x64]",
     )
-    truth = flag("Store truths, traced and certified, instead of --near.")
+    truth = flag("Trace and store certified truths; excludes --near.")
     judge = flag("Trace every hogel too, and store the measures of `compare`.")
     check = flag("Read all finished hogels in full, and draw damaged ones again.")
     layout = option(
         options.LAYOUT,
-        "Write NAME-LAYOUT too; or, where --out is not NAME.zarr, the layout alone.",
+        "Also write pictures in this layout to NAME-LAYOUT; alone if --out is not NAME.zarr.",
     )
-    ignore_disk_space = flag("Begin where the disk may be too small: hogels are compressed.")
+    ignore_disk_space = flag("Start even if the disk may be too small; hogels are compressed.")
     engine = options.engine_options("this process")
-    out = option(options.FOLDER, "Folder of a Zarr group.", required=True)
+    out = option(options.FOLDER, "Folder of the Zarr group.", required=True)
 
     @cached_property
     def settings(self) -> DoubleFrustum | None:
-        """The two cameras; None for truths and by directions."""
-        # By directions there is a depth buffer, and no other setting of the cameras.
+        """Settings of the two cameras; None for truths and plates by directions."""
+        # Plates by directions have a depth buffer, and no other setting of the cameras.
         directions = self.by != "hogels" and not self.truth
         others = [name for name in self.named if name != "depth" or not directions]
         if self.by == "directions" and others:
@@ -70,18 +74,18 @@ class _Plate(options.Measured):
         return options.settings_of(**self.named) if others else None
 
     def refuse_contradictions(self) -> None:
-        """Refuse a plate with no renderer or two, and light that a rasterizer lacks."""
+        """Refuse a plate without a renderer or with two, and light that a rasterizer lacks."""
         problem, light = "", self.light
         if self.truth and self.settings is not None:
             problem = "--truth is traced with the true frustum: leave out --near and its options"
         elif not self.truth and self.settings is None and self.needs_near:
             problem = "Missing option '--near'; give it, or --truth for a plate of truths"
-        # Silently dropping light would store a plate that looks complete.
+        # Without an error, the stored plate would look complete and lack the light.
         elif not self.truth and (light.shadows or light.interreflection or light.samples):
             problem = "a rasterizer has no shadows and no interreflection: add --truth"
         elif self.layout and (self.blocks or (self.engine and not self.engine.part.everything)):
             problem = "--layout writes whole plates: leave out --apertures and --part"
-        # Checking and repairing must see one consistent store; workers write at the same time.
+        # Workers write at the same time, and a check needs a consistent store.
         elif self.check and self.engine is not None:
             problem = "--check reads a plate in this process: leave out --workers and the like"
         if problem:
@@ -89,7 +93,7 @@ class _Plate(options.Measured):
 
     @property
     def needs_near(self) -> bool:
-        """True for hogels that are drawn: chosen, or requested by options that have no views."""
+        """True if options require drawing hogel by hogel."""
         return self.by == "hogels" or (self.by == "auto" and bool(self.blocks or self.judge))
 
 
@@ -101,20 +105,19 @@ def _begun(words: str) -> None:
 
 @options.command("xfrustum plate hard/only-behind --near 0.1 --out plate.zarr")
 def plate(request: _Plate) -> None:
-    """Draw a plate, or blocks of it, into a Zarr group, hogel by hogel or by directions.
+    """Draw all or some hogels of a plate into a Zarr group, hogel by hogel or by directions.
 
-    By directions an image is one pixel of all hogels: a parallel view without near, faster for
-    many hogels of few pixels. Stored hogels are kept: stopped at any moment and called again, it
-    goes on where it was. Several processes may draw one plate at once, and
-    --workers, --scheduler or --part divide it. Any reader of Zarr opens it, xarray with names and
-    units. With --aperture-samples, a number, a share such as 5%, or auto, each hogel is the mean
-    over points of its area (band limiting).
+    By directions, each image has one pixel of all hogels: a parallel view without near, faster for
+    many hogels of few pixels. A stopped run continues when the command is repeated. Several
+    processes may draw one plate at once; --workers, --scheduler or --part divide it. Any Zarr
+    reader opens the group; xarray shows names and units. With --aperture-samples each hogel is the
+    mean over points of its area (band limiting).
     """
     started = time.monotonic()
     request.refuse_contradictions()
     light = request.light
     opened = light.applied(options.open_scene(request.scene))
-    # Stated effects exclude light paths: the scene's own transport is switched off.
+    # --effects excludes light paths: switch off the light transport of the scene.
     if request.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(
             opened, transport=replace(opened.transport, shadows=False, interreflection=False)
@@ -220,7 +223,7 @@ if TYPE_CHECKING:
 
 def _settings(nears: tuple[float, ...] | None, **values: Any) -> tuple[DoubleFrustum, ...]:
     """Return the settings of one near or of several; none without a near."""
-    # Each near is a setting of its own; a lone --near beside them would be ambiguous.
+    # Each value of --nears is a setting; an additional --near would be ambiguous.
     if nears is not None and values["near"] is not None:
         raise click.UsageError("--near is one setting and --nears are several: give one of them")
     several = [values] if nears is None else [{**values, "near": near} for near in nears]
@@ -233,22 +236,26 @@ class _Survey(options.Measured):
     scene = options.scene_argument
     settings = group(
         _settings,
-        nears=option(options.NUMBERS, "Several offsets, each of which is a setting."),
+        nears=option(options.NUMBERS, "Several near offsets, each judged as a setting of its own."),
         **options.settings_members(),
     )
-    everything = flag("Judge every hogel: facts, not bounds.", "--all")
-    sample = option(options.COUNT_FROM_1, "Hogels drawn at random.  [default: 300]")
-    until = option(options.SHARE, "Go on until at most this share, such as 1%, is beyond (95 %).")
+    everything = flag("Judge every hogel: exact shares instead of bounds.", "--all")
+    sample = option(options.COUNT_FROM_1, "Number of random hogels to judge.  [default: 300]")
+    until = option(
+        options.SHARE,
+        "Judge random hogels until at most this share, such as 1%, is beyond (95 % confidence).",
+    )
     tolerance_px = options.tolerance_option
     seed = options.seed_option
     tracer = options.tracer_option
     truth_by = options.truth_option
     resolution = option(
-        options.RESOLUTION, "Pixels of a hogel, which a tolerance is in.  [default: scene's]"
+        options.RESOLUTION,
+        "Pixels of a hogel; the tolerance counts in them.  [default: the scene's]",
     )
     images: str | None = option(options.TEXT, "Replaced by verify.", default=None, hidden=True)
     engine = options.engine_options("one per processor or GPU")
-    out = option(options.FOLDER, "Folder.", required=True)
+    out = option(options.FOLDER, "Folder for the rows and the page.", required=True)
 
 
 def sample_request(
@@ -257,10 +264,10 @@ def sample_request(
     """Return the request of --all, --sample N or --until Q%."""
     from xfrustum.compare.sampling import DEFAULT_SAMPLE, SampleRequest
 
-    # Counted here, since click has no mutually exclusive options.
+    # Click has no mutually exclusive options.
     if sum((everything, sample is not None, until is not None)) > 1:
         raise click.UsageError("--all, --sample and --until exclude each other: give one of them")
-    # With --until the default is the size of the first look.
+    # With --until the default is the size of the first sample.
     hogels = None if everything else sample or DEFAULT_SAMPLE
     return SampleRequest(sample=hogels, until=until, seed=seed)
 
@@ -269,12 +276,14 @@ def sample_request(
     "xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey"
 )
 def survey(request: _Survey) -> int:
-    """Judge hogels all over a plate: the share beyond a tolerance, the places, the causes.
+    """Judge hogels all over a plate: the share beyond a tolerance, with places and causes.
 
-    Writes survey.parquet, one row for each hogel and setting, survey.json, index.html, and
-    inspect.html. Stopped at any moment and called again with the same --out, it goes on where it
-    was; any number of processes may do one survey at once. Exit status 1 if the share is above
-    --until; without it, if --tolerance-px was given and any judged hogel is beyond.
+    Write survey.parquet (one row for each hogel and setting), survey.json, index.html and
+    inspect.html. A stopped run continues when the command is repeated with the same --out; several
+    processes may do one survey at once. A hogel is beyond if more than 1 % of its points are
+    displaced by more than the tolerance, or more than 1 % of its pixels show a wrong surface. Exit
+    status 1 if the share is above --until; without --until, if --tolerance-px is given and a judged
+    hogel is beyond.
     """
     if request.images is not None:
         raise click.UsageError(
@@ -310,9 +319,9 @@ def survey(request: _Survey) -> int:
         engine=request.engine,
     )
     options.warn_of(opened)
-    # A part of a job array leaves no page.
+    # A part of a job array writes no page.
     place = request.out / PAGE if answer.extent.complete else request.out
     request.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
-    # The default tolerance only describes the plate: the command fails only by a stated limit.
+    # The command fails only by a limit that the user sets; the default tolerance describes.
     limited = request.until is not None or options.is_given("tolerance_px")
     return options.LIMIT_EXCEEDED if limited and answer.extent.complete and answer.exceeded else 0

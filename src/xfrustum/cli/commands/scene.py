@@ -36,28 +36,28 @@ def scenes(request: _Scenes) -> None:
 
 
 _PLACES = {
-    "through": "Place the mesh across the plate.  [default, unless it is flat]",
-    "behind": "Place all of the mesh behind the plate.",
-    "before": "Place all of the mesh on the viewer's side.",
+    "through": "Place the mesh across the plate.  [default, unless the mesh is flat]",
+    "behind": "Place the whole mesh behind the plate.",
+    "before": "Place the whole mesh in front of the plate.",
 }
 
 
 class _New(options.Printed):
     mesh: Path = options.argument(type=FOLDER)
-    out = option(FOLDER, "Scene file.  [default: NAME.toml in this folder]")
+    out = option(FOLDER, "Scene file.  [default: NAME.toml in the current folder]")
     units = option(TEXT, "Name of the length unit.  [default: m for glTF, else units]")
     size = option(
-        LENGTH, "Longest side of the mesh, such as 80mm.  [default: its own, or to fit --plate]"
+        LENGTH, "Longest side of the mesh, such as 80mm.  [default: unscaled, or to fit --plate]"
     )
     display = several(
         plate=option(
             SIZE, "Width and height of the plate, such as 600,400mm.  [default: to fit the mesh]"
         ),
         pitch=option(
-            LENGTH, "Largest distance between apertures, such as 0.5mm.  [default: --viewer's]"
+            LENGTH, "Largest distance between apertures, such as 0.5mm.  [default: by --viewer]"
         ),
         viewer=option(
-            LENGTH, "Distance of a viewer, such as 600mm, who must not see hogels as cells."
+            LENGTH, "Viewing distance, such as 600mm, at which hogels must not be visible as cells."
         ),
     )
     up = option(one_of("yz"), "Axis of the mesh that points up.", default="y")
@@ -92,19 +92,23 @@ def new(request: _New) -> None:
 class _Check(options.Printed):
     scene = options.scene_argument
     aperture = options.aperture_option
-    near = option(options.POSITIVE, "Near offset of the errors by depth.  [default: reach/1000]")
+    near = option(
+        options.POSITIVE, "Near offset for which errors by depth are listed.  [default: reach/1000]"
+    )
     slabs = option(options.NUMBERS, "Heights |z| at which both frusta are cut.", default=())
-    viewer = option(LENGTH, "Viewing distance, such as 600mm: adds what a viewer notices of near.")
+    viewer = option(
+        LENGTH, "Viewing distance, such as 600mm: adds the near offset that a viewer notices."
+    )
     out = option(FOLDER, "Folder for side.svg and top.svg.")
 
 
 @options.command("xfrustum check car --viewer 600 --near 0.1 --out views")
 def check(request: _Check) -> int:
-    """List where each object lies, which apertures see it, likely mistakes, and effects.
+    """List the place of each object, the apertures that show it, likely mistakes, and effects.
 
-    The effects are those that images of an aperture call for, each with the fact that decides it,
-    and closed-form errors of near offset, depth buffer, shear and band limiting by depth. Exit
-    status 1 if no aperture of the plate sees anything.
+    Effects are listed if images of the aperture need them, each with the reason. Errors of near
+    offset, depth buffer, shear and band limiting are listed by depth, in closed form. Exit status 1
+    if no aperture of the plate shows anything.
     """
     from xfrustum.scenes import open_scene
 

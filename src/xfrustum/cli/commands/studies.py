@@ -1,4 +1,4 @@
-"""`study`, `bench`, `selfcheck`: maps over scenes, speed, and the truth against brute force."""
+"""`study`, `bench`, `selfcheck`, `device`: maps, speed, truth against brute force, rounding."""
 
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,12 @@ from xfrustum.cli.options import COUNT_FROM_1, FOLDER, INDEX, POSITIVE, Measured
     no_args_is_help=False, epilog="\b\nExample:\n  xfrustum study splitting --quick --out splitting"
 )
 def study() -> None:
-    """Measure maps over many scenes and settings."""
+    """Measure many scenes and settings, and map the results."""
 
 
 class _Study(options.Measured):
-    out = option(FOLDER, "Folder.  [default: study/NAME]")
-    quick = flag("A small part, in less than a minute.")
+    out = option(FOLDER, "Folder for the results.  [default: study/NAME]")
+    quick = flag("Measure a small part, in less than a minute.")
     engine = options.engine_options("this process")
 
     def made(self, own: Any) -> None:
@@ -29,7 +29,7 @@ class _Study(options.Measured):
         files = own.make_study(
             out, own.QUICK if self.quick else own.FULL, engine, progress=self.progress
         )
-        # Other parts of a job array are not measured yet.
+        # Other parts of the job array are not finished yet.
         if files is None:
             options.note("this part is measured; the last one to be finished writes the study")
         else:
@@ -42,7 +42,7 @@ class _Study(options.Measured):
 def splitting(request: _Study) -> None:
     """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
 
-    Every measured picture is kept: a run that was stopped goes on from there.
+    A stopped run continues: measured pictures are kept.
     """
     from xfrustum.research import splitting as own
 
@@ -53,8 +53,8 @@ def splitting(request: _Study) -> None:
 def noticeable(request: _Study) -> None:
     """Predict visible effects of near and depth buffer; write noticeable.md and its data.
 
-    Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that
-    was replayed is kept: a run that was stopped goes on from there.
+    All settings are predicted in closed form, and some are checked by pictures for two eyes. A
+    stopped run continues: checked viewing positions are kept.
     """
     from xfrustum.research import noticeable as own
 
@@ -65,7 +65,7 @@ def noticeable(request: _Study) -> None:
 def ways(request: _Study) -> None:
     """Measure plates by two cameras, slabs and directions; write ways.md, a figure and its data.
 
-    Every measured plate is kept: a run that was stopped goes on from there.
+    A stopped run continues: measured plates are kept.
     """
     from xfrustum.research import ways as own
 
@@ -75,16 +75,18 @@ def ways(request: _Study) -> None:
 class _Figure7(options.Asked):
     scene: str = options.argument(default="car-studio")
     aperture = options.aperture_option
-    other = option(INDEX, "Second perspective of C*.  [default: where it shows most]")
-    near = option(POSITIVE, "Offset of both cameras.  [default: 1e-6 of the reach]")
-    out = option(FOLDER, "Folder.  [default: figure7/NAME]")
+    other = option(
+        INDEX, "Aperture of the second perspective of C*.  [default: the one that shows most]"
+    )
+    near = option(POSITIVE, "Near offset of both cameras.  [default: 1e-6 of the reach]")
+    out = option(FOLDER, "Folder for the page.  [default: figure7/NAME]")
 
 
 @options.command("xfrustum study figure7 car --out figure7", study)
 def figure7(request: _Figure7) -> None:
     """Draw C alone, two perspectives of C*, and both cameras (the paper's figure 7); write a page.
 
-    C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
+    C* is shown as its camera draws it, looking back at the viewer, and as overlaid on C.
     """
     opened = options.open_scene(request.scene)
     chosen = options.chosen_aperture(opened, request.aperture)
@@ -110,14 +112,14 @@ def bench() -> None:
 
 
 def _repeat(count: int) -> Any:
-    return option(COUNT_FROM_1, "Timed, after a warm-up.", default=count)
+    return option(COUNT_FROM_1, "Number of timed runs, after a warm-up.", default=count)
 
 
 def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None:
-    """Run a benchmark with the stated options, and print its results."""
+    """Run a benchmark and print its results."""
     from xfrustum.research import benchmarks, ray_rates, table1
 
-    # Table 1 and rays have their own modules; all other benchmarks share one.
+    # Table 1 and rays have modules of their own; all other benchmarks share a module.
     own = {"table1": table1, "rays": ray_rates}.get(name, benchmarks)
     settings = options.present(**settings, progress=request.progress)
     result = getattr(own, f"benchmark_{name}")(*what, **settings)
@@ -126,36 +128,38 @@ def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None
 
 class _Truth(Measured):
     scene = options.argument(default="car")
-    resolution = option(options.SIZES, "W = H of each race.  [default: 512,1024,2048]")
+    resolution = option(options.SIZES, "Widths of square images, pixels.  [default: 512,1024,2048]")
     repeat = _repeat(9)
 
 
 @options.command("xfrustum bench truth asymmetric --resolution 128 --repeat 1", bench)
 def truth(request: _Truth) -> None:
-    """Measure the certified truth beside bare tracers, in million pixels per second."""
+    """Measure the certified truth against bare tracers, in million pixels per second."""
     scene = options.open_scene(request.scene)
     _measured(request, "truth", scene, resolutions=request.resolution, repeat=request.repeat)
 
 
 class _Judge(Measured):
     scenes = options.argument(metavar="[SCENE]...", nargs=-1)
-    resolution = option(options.SIZES, "W = H of each race.  [default: 128,256,512,1024]")
-    triangles = option(COUNT_FROM_1, "Also the car in about so many triangles.")
-    hogels = option(COUNT_FROM_1, "Judged in each run.", default=6)
+    resolution = option(
+        options.SIZES, "Widths of square images, pixels.  [default: 128,256,512,1024]"
+    )
+    triangles = option(COUNT_FROM_1, "Add the car, subdivided into about N triangles.")
+    hogels = option(COUNT_FROM_1, "Number of hogels judged in each run.", default=6)
     repeat = _repeat(5)
 
 
 @options.command("xfrustum bench judge asymmetric --resolution 64 --hogels 2 --repeat 1", bench)
 def judge(request: _Judge) -> None:
-    """Measure judged hogels a second, beside plain loops and bare renderers.
+    """Measure judged hogels per second against plain loops and bare renderers.
 
-    Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout,
-    and the car in a million triangles.
+    Without SCENE: the built-in car, ../shared/scenes/beetle.toml if it exists beside the checkout,
+    and the car with a million triangles.
     """
     opened = [options.open_scene(name) for name in request.scenes]
     from xfrustum.research import benchmarks, table1
 
-    # Stated scenes replace the default set, and with it the tessellated car.
+    # Scenes of the user replace the default set, including the tessellated car.
     count = request.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
     opened += [] if count is None else [table1.tessellated_car(count, 0.0).scene]
@@ -177,7 +181,7 @@ class _BenchPlate(Measured):
 
 @options.command("xfrustum bench plate asymmetric --resolution 64 --repeat 1", bench)
 def plate(request: _BenchPlate) -> None:
-    """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
+    """Measure one row of a plate, drawn many hogels at once, against plain loops."""
     _measured(
         request, "plate", options.open_scene(request.scene), request.resolution, request.repeat
     )
@@ -196,15 +200,15 @@ def table1(request: _Table1) -> None:
 
 class _Rays(Measured):
     mesh: Path | None = options.argument(metavar="[MESH]", required=False, type=FOLDER)
-    rays = option(COUNT_FROM_1, "In each race.", default=1_000_000)
+    rays = option(COUNT_FROM_1, "Number of rays in each run.", default=1_000_000)
     repeat = _repeat(5)
 
 
 @options.command("xfrustum bench rays --rays 1000 --repeat 1", bench)
 def rays(request: _Rays) -> None:
-    """Measure exact rays of a mesh beside trimesh's two classes and bare Embree.
+    """Measure exact rays of a mesh against trimesh's two classes and bare Embree.
 
-    Without MESH: a sphere, the car, and ../shared/data/stanford-bunny.obj where it is beside the
+    Without MESH: a sphere, the car, and ../shared/data/stanford-bunny.obj if it exists beside the
     checkout.
     """
     from xfrustum.research import ray_rates
@@ -219,20 +223,21 @@ def rays(request: _Rays) -> None:
 
 class _Selfcheck(options.Measured):
     scenes: tuple[str, ...] = options.argument(metavar="[SCENE]...", nargs=-1)
-    quick = flag("Fewer scenes and pixels, in less than a minute.")
+    quick = flag("Check fewer scenes and pixels, in less than a minute.")
 
 
 @options.command("xfrustum selfcheck asymmetric --quick")
 def selfcheck(request: _Selfcheck) -> int:
-    """Compare the truth with integer brute force; exit status 1 if anything disagrees.
+    """Compare the truth with integer brute force; exit status 1 if a pixel differs.
 
-    Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its
-    vertices and edges, and the scene files in the folder of test data beside the checkout.
+    Without SCENE: all built-in scenes, all hard cases except the giants, a sphere with lines
+    through all vertices and edges, and the scene files in the folder of test data beside the
+    checkout.
     """
     from xfrustum.scenes.opening import check_scene
 
     for name in request.scenes:
-        # Names are tested before minutes of checks.
+        # Test all names before checks that take minutes.
         check_scene(name)
     from xfrustum.compare.selfcheck import selfcheck as checking
     from xfrustum.reports.text import selfcheck_table
@@ -243,21 +248,20 @@ def selfcheck(request: _Selfcheck) -> int:
 
 
 class _Device(options.Measured):
-    listed = flag("Name the devices that EGL lists, and measure none.", "--list")
+    listed = flag("List the EGL devices instead of measuring.", "--list")
     out = option(FOLDER, "Folder for the page and device.json.")
-    replay = option(FOLDER, "Explain recorded frames (.npz) instead.")
+    replay = option(FOLDER, "Explain recorded frames (.npz) instead of measuring.")
     device = options.device_option
 
 
 @options.command("xfrustum device --out measured")
 def device(request: _Device) -> int:
-    """Measure how the OpenGL device at hand rounds: snapping, depth, varyings, filter.
+    """Measure how the OpenGL device rounds: snapping, depth, varyings, texture filter.
 
-    It draws adversarial triangles of every size, writes depths, and filters a texture, in
-    seconds. The file device.json, passed to `budget`, `report` and `verify` as --device,
-    describes the rounding of the machine that drew. With --replay, recorded frames are
-    explained by the model of the device that drew them; exit status 1 if pixels stay
-    unexplained.
+    The measurement takes seconds: it draws adversarial triangles of every size, writes depths, and
+    filters a texture. Pass the written device.json as --device to `budget`, `report` or `verify`
+    for images of that device. With --replay, explain recorded frames by the model of the device
+    that drew them; exit status 1 if pixels stay unexplained.
     """
     from xfrustum.reports import device as measuring
 

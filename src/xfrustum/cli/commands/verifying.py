@@ -1,4 +1,4 @@
-"""`verify`, `camera`, `convert`: other renderers judged, cameras for them, and layouts of files."""
+"""`verify`, `camera`, `convert`: judge other renderers, write their cameras, convert layouts."""
 
 from __future__ import annotations
 
@@ -27,26 +27,28 @@ _COUNTS = options.Read(
 class _Convert(options.Measured):
     source: Path = options.argument(metavar="IN", type=options.FOLDER)
     out: Path = options.argument(type=options.FOLDER)
-    read_as = option(
-        options.LAYOUT_OR_ZARR, "Layout of IN.  [default: what it looks like]", "--from"
-    )
+    read_as = option(options.LAYOUT_OR_ZARR, "Layout of IN.  [default: detected]", "--from")
     write_as = option(
         options.LAYOUT_OR_ZARR, "Layout of OUT.  [default: zarr for NAME.zarr]", "--to"
     )
     facts = several(
-        hogels=option(_COUNTS, "Columns and rows of hogels, which a mosaic does not state."),
-        tiles=option(_COUNTS, "Columns and rows of tiles of a quilt.  [default: by its views]"),
-        suffix=choice(".png .exr", "Format of pictures.  [default: .png; .exr for floats]"),
-        array=choice("color triangle", "Array of a Zarr group.  [default: color]"),
+        hogels=option(_COUNTS, "Columns and rows of hogels; needed for a mosaic."),
+        tiles=option(
+            _COUNTS, "Columns and rows of tiles of a quilt.  [default: by the number of views]"
+        ),
+        suffix=choice(
+            ".png .exr", "Format of the written pictures.  [default: .png; .exr for floats]"
+        ),
+        array=choice("color triangle", "Array of the Zarr group.  [default: color]"),
     )
 
 
 @options.command("xfrustum convert plate.zarr plate.png --to mosaic")
 def convert(request: _Convert) -> None:
-    """Write a plate in another layout of files, or from and into Zarr.
+    """Copy a plate into another layout of files, or from or to Zarr.
 
-    IN is a folder of pictures, one picture, or a Zarr group; OUT the same. Pixels are moved, never
-    computed; data that the layout cannot store is listed on standard error.
+    IN and OUT are a folder of pictures, one picture, or a Zarr group. Pixels are copied without
+    filtering; standard error lists data that the layout cannot store.
     """
     from xfrustum.reports.exchange import convert as converting
 
@@ -63,7 +65,7 @@ def convert(request: _Convert) -> None:
 
 
 def tell_losses(done: Conversion) -> None:
-    """Print on standard error what files in a layout have lost, and what their readers may miss."""
+    """Print on standard error the data that a layout cannot store, and notes for its readers."""
     for line in (*(f"lost: {lost}" for lost in done.losses), *done.notes):
         options.note(line)
 
@@ -102,41 +104,50 @@ class _Verify(options.Measured):
     judged = several(
         command=option(
             options.TEXT,
-            "In place of SOURCE, run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'.",
+            "Program to run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'.",
         ),
         encoding=options.encoding_option,
-        layout=option(options.LAYOUT, "Layout of SOURCE.  [default: what it looks like]"),
+        layout=option(options.LAYOUT, "Layout of SOURCE.  [default: detected]"),
         apertures=option(
             options.BLOCKS, "Columns,rows, such as 20,20;0-80,3.  [default: the whole plate]"
         ),
-        sample=option(options.COUNT_FROM_1, "Hogels drawn at random from the plate."),
+        sample=option(options.COUNT_FROM_1, "Number of random hogels to judge."),
         until=option(
-            options.SHARE, "Draw hogels until at most this share, such as 1%, fails (95 %)."
+            options.SHARE,
+            "Judge random hogels until at most this share, such as 1%, fails (95 % confidence).",
         ),
         seed=options.seed_option,
         truth_by=options.truth_option,
-        near=option(click.FLOAT, "Near offset that the renderer is known to have.  [default: 0]"),
+        near=option(click.FLOAT, "Near offset of the renderer, if it is intended.  [default: 0]"),
         accept=option(
             options.ACCEPTED,
-            "Conventions that are no faults, such as orientation,order; or all.",
+            "Conventions that are not defects, such as orientation,order; or all.",
             default=(),
         ),
-        compare=choice("color geometry", "What plain pictures are judged by.", default="color"),
+        compare=choice(
+            "color geometry",
+            "Judge plain pictures by colors, or by outlines (geometry).",
+            default="color",
+        ),
         max_wrong=option(
             options.SHARE,
-            "Share of wrong surfaces (colors, outlines) in the pixels that show something.",
+            "Largest share of wrong surfaces (colors, outlines) in the pixels that show something.",
             default="1%",
         ),
         max_displacement_px=option(
             _PIXELS,
-            "How far 99 of 100 points or outlines may be off; unknown exceeds all but none.",
+            "Largest displacement of 99 % of points or outlines, pixels; none: no limit.",
             default=str(TOLERANCE_PX),
         ),
         max_color=option(
-            click.FLOAT, "Difference that makes a color wrong.  [default: 0.009, of 8 bits]"
+            click.FLOAT,
+            "Largest difference of a right color, linear.  [default: 0.009, rounding to 8 bits]",
         ),
         timeout_s=option(
-            options.POSITIVE, "Seconds that one run may take.", "--timeout", default=60.0
+            options.POSITIVE,
+            "Time limit of one run of the program, seconds.",
+            "--timeout",
+            default=60.0,
         ),
     )
     model = options.device_option
@@ -145,11 +156,11 @@ class _Verify(options.Measured):
     junit = option(options.FOLDER, "JUnit XML file for continuous integration.")
     baseline = group(
         _baseline,
-        baseline=option(options.FOLDER, "Folder of accepted measures: fail on what got worse."),
-        approve=flag("Accept the present measures in --baseline."),
+        baseline=option(options.FOLDER, "Folder of accepted measures: fail if a measure is worse."),
+        approve=flag("Store the present measures as accepted in --baseline."),
         tolerance=option(
             _TOLERANCE,
-            "Noise of measures.  [default: none]",
+            "Allowed increase of measures, such as 5% or wrong_surfaces=3.  [default: none]",
             "--baseline-tolerance",
         ),
         renderer=option(
@@ -158,20 +169,20 @@ class _Verify(options.Measured):
         ),
         device=option(
             options.TEXT,
-            "Name of its device in --baseline.  [default: this machine's processor]",
+            "Name of the renderer's device in --baseline.  [default: this machine's processor]",
             "--baseline-device",
         ),
     )
 
     def verified(self, scene: Scene) -> Verification | None:
-        """Judge in this process or by workers; None if other parts are not finished yet."""
+        """Judge in this process or in workers; return None while other parts are not finished."""
         from xfrustum.reports.verification.jobs import verify_on
         from xfrustum.reports.verification.request import VerifyOptions
         from xfrustum.reports.verification.verification import verify
 
         how = {"channels": self.out is not None, "progress": self.progress, "device": self.model}
         apertures = options.indices_of(scene, self.judged["apertures"])
-        # Sequential sampling chooses its own size, which a fixed size contradicts.
+        # Sequential sampling chooses the size of the sample, so a fixed size contradicts it.
         if self.judged["sample"] is not None and self.judged["until"] is not None:
             raise click.UsageError("--sample and --until exclude each other: give one of them")
         values: dict[str, Any] = {**self.judged, **how, "apertures": apertures}
@@ -195,17 +206,18 @@ def verify(request: _Verify) -> int:
     """Judge the hogel images of any renderer, and name its defects.
 
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a
-    folder or a picture in one of the layouts (docs/layouts.md), or a Zarr group. --sample
-    and --until bound the share of the plate's hogels that fail, and write hogels.parquet. Exit
-    status 1 if any hogel is missing or exceeds a limit, or the bound exceeds --until; with
-    --baseline, once measures are accepted, if any got worse or a stated limit is exceeded.
+    folder or a picture in one of the layouts (docs/layouts.md), or a Zarr group. --sample and
+    --until bound the share of the plate's hogels that fail, and write hogels.parquet. Exit status 1
+    if a hogel is missing or exceeds a limit, or if the bound exceeds --until. With accepted
+    measures in --baseline, exit status 1 if a measure is worse, or a limit given as an option is
+    exceeded.
     """
     opened = options.open_scene(request.scene)
     from xfrustum.reports.common.outputs import check_writable_file
     from xfrustum.reports.verification.verdict import FILES, table, write_junit, write_verification
 
     if request.junit is not None:
-        # Unwritable places fail now, not after hours of judging.
+        # Fail now if the file cannot be written, not after hours of judging.
         check_writable_file(request.junit, "--junit")
     options.check_out(request.out, FILES)
     from xfrustum.reports.verification import baseline as accepted
@@ -234,7 +246,7 @@ def verify(request: _Verify) -> int:
         return 0 if verification.kept else options.LIMIT_EXCEEDED
     stated_ = {name: request.judged[name] for name in ("near", "accept", "encoding")}
     if encoding == "rgb" and request.judged["command"] is None:
-        # Stating the default gives the same verdict.
+        # An explicit default gives the same verdict.
         stated_["encoding"] = None
     folder = request.baseline.pop("folder")
     held = accepted.baseline(
@@ -243,14 +255,14 @@ def verify(request: _Verify) -> int:
     problem = accepted.append_step_summary(held)
     if problem is not None:
         options.note(problem)
-    # Where measures are accepted, limits count only if they were stated.
+    # With accepted measures, limits count only if the user sets them.
     limits = ("max_wrong", "max_displacement_px", "max_color", "until")
     stated = any(map(options.is_given, limits))
     limited = stated or not (held.compared or held.approved)
     passed = held.passed and (verification.kept or not limited)
     text = f"{table(verification)}\n{accepted.lines(held)}"
     if passed and not verification.kept:
-        # Limits that the user does not state may be exceeded as in the accepted run.
+        # Default limits may be exceeded as in the accepted run.
         text += "\nexit status 0: nothing is worse than accepted, and no limit is stated"
     request.tell(lambda: {**verification.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
@@ -260,23 +272,25 @@ class _Camera(options.Printed):
     scene = options.scene_argument
     renderer = choice(
         "blender json gltf mitsuba",
-        "Blender: the crossed frustum itself and a script that renders it; else C and C*.",
+        "Target: blender (crossed frustum and render script), else C and C* in the format.",
         "--for",
         required=True,
     )
-    apertures = option(options.INDICES, "Column,row of each.  [default: as `report`; blender: all]")
+    apertures = option(
+        options.INDICES, "Apertures, such as 40,30;0,0.  [default: as `report`; blender: all]"
+    )
     settings = options.settings_options()
-    out = option(options.FOLDER, "Folder.", required=True)
+    out = option(options.FOLDER, "Folder for the camera files.", required=True)
 
 
 @options.command("xfrustum camera asymmetric --for json --near 0.1 --out cameras")
 def camera(request: _Camera) -> None:
     """Write the cameras of a plate for another renderer.
 
-    `json` has matrices, planes, depth functions and tests of every pass; `gltf` a node for each
-    camera; `mitsuba` a sensor plugin for each as a dict. `blender` has DIR/render.py, which renders
-    any apertures in Blender 4.5 or newer, exactly and in one pass each (docs/blender.md). Beside
-    all lies scene.npz with the numbered triangles and objects.
+    `json` has matrices, planes, depth functions and tests of every pass; `gltf` has a node for each
+    camera; `mitsuba` has a sensor plugin for each camera, as a dict. `blender` writes
+    DIR/render.py, which renders any apertures in Blender 4.5 or newer, exactly and in one pass
+    each (docs/blender.md). All write scene.npz with the numbered triangles and objects.
     """
     opened = options.open_scene(request.scene)
     from xfrustum.reports.exchange.cameras import write_cameras
