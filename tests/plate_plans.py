@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from scipy.stats import beta
 
@@ -16,6 +15,7 @@ from xfrustum.compare.planning.requirement import Requirement
 from xfrustum.compare.sampling import SampleRequest
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.planning import plan
+from xfrustum.reports.survey.rows import SettingStats
 from xfrustum.reports.survey.survey import survey
 from xfrustum.scenes import InputError, Scene, open_scene
 
@@ -47,7 +47,7 @@ class Trial:
     """A plan of a whole plate, and the survey with its settings; None if there is no plan."""
 
     plan: Plan | None
-    survey: Any
+    survey: SettingStats | None
     reason: str
 
     @property
@@ -56,7 +56,7 @@ class Trial:
 
         The lower bound of that share, with `CONFIDENCE`, is by Clopper and Pearson (1934).
         """
-        assert self.plan is not None and self.plan.plate is not None
+        assert self.plan is not None and self.plan.plate is not None and self.survey is not None
         beyond, judged = self.survey.beyond, self.survey.judged
         at_least = float(beta.ppf(1 - CONFIDENCE, beyond, judged - beyond + 1)) if beyond else 0.0
         return at_least <= self.plan.plate.share_beyond_at_most
@@ -82,7 +82,7 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
                 tolerance_px=requirement.tolerance_px,
                 engine=engine,
             )
-            surveyed = done.answers[0]
+            surveyed = done.stats[0]
     return Trial(plan=made, survey=surveyed, reason=reason)
 
 
