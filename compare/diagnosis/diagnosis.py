@@ -363,12 +363,19 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
         sheared = (replace(fit.model, recentering=shear) for shear in shears)
         model = next(filter(test.explains, sheared), model)
     if test.explains(model):
-        also = (*fit.alternatives, *others, *equivalents(test, model, by_depth=fit.by_color))
-        return replace(fit, model=model, alternatives=also)
-    # Step 2: alternatives of the fit. The same claims hold, but the reach may cut surfaces
-    # differently.
-    best = next(filter(test.explains, fit.alternatives), None)
-    others = [fit.model, *(other for other in fit.alternatives if other != best)]
+        others = [*fit.alternatives, *others, *equivalents(test, model, by_depth=fit.by_color)]
+        # A wrong shear is one mistake, a screen moved by as much along both axes is two.
+        faults = {defect.fault for defect in _named(test, replace(fit, model=model))}
+        moved = {"screen-center-x", "screen-center-y"} <= faults
+        best = next((other for other in others if moved and other.recentering in shears), None)
+        if best is None:
+            return replace(fit, model=model, alternatives=tuple(others))
+        others = [model, *(other for other in others if other != best)]
+    else:
+        # Step 2: alternatives of the fit. The same claims hold, but the reach may cut surfaces
+        # differently.
+        best = next(filter(test.explains, fit.alternatives), None)
+        others = [fit.model, *(other for other in fit.alternatives if other != best)]
     if best is None:
         # Step 3: nominal numbers and gross mistakes, because other defects may have distorted the
         # fit.

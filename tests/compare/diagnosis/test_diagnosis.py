@@ -253,7 +253,7 @@ def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> N
 def test_one_hogel_or_one_side_of_the_plate_leaves_the_shear_open() -> None:
     scene = small("asymmetric-recentered", 32)
     (defect,) = diagnosed(scene, RendererModel(recentering=Recentering.NONE), FEW[:1]).values()
-    others = ("screen-center-x", "screen-center-y")
+    others = ("screen-center-x", "screen-center-y", "shift-x", "shift-y")
     assert (defect.fault, defect.alternatives) == ("not-recentered", others)
     before = replace(scene, frustum=replace(scene.frustum, reach=(scene.frustum.reach[0], 1e-3)))
     model = RendererModel(recentering=Recentering.C_STAR_REVERSED)
