@@ -67,7 +67,7 @@ def test_compare_prints_the_object_of_the_contract_and_writes_a_picture_of_each_
 def test_compare_finds_a_scene_that_was_moved_with_its_images(
     images: tuple[str, str], monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
-    """A broken image causes another message than a missing file at the place that it names."""
+    """A missing file at the scene's place and a broken image cause different messages."""
     Path("moved").mkdir()
     for name in ("boxes.toml", *images):
         Path(name).rename(f"moved/{name}")
@@ -85,7 +85,7 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
 def test_images_of_different_size_are_both_named_with_their_sizes(
     silent: str | None, command: Command
 ) -> None:
-    """One of the two images, if any, has no camera."""
+    """In some cases, one of the two images has no camera."""
     Path("boxes.toml").write_text(SCENE.replace("[48, 32]", "[40, 36]"))
     command("raster boxes.toml --near 0.5 --out raster.exr")
     if silent is not None:
@@ -106,7 +106,7 @@ def test_images_of_different_size_are_both_named_with_their_sizes(
     ],
 )
 @pytest.mark.usefixtures("images")
-def test_without_its_scene_compare_leaves_surface_open_and_says_why(
+def test_without_its_scene_compare_leaves_surface_open_with_a_reason(
     old: str, new: str, reason: str, command: Command
 ) -> None:
     Path("boxes.toml").unlink()
@@ -120,7 +120,9 @@ def test_without_its_scene_compare_leaves_surface_open_and_says_why(
     assert "not known" in command("compare truth.exr raster.exr").out
 
 
-def test_report_says_the_best_setting_and_where_the_page_is(scene: str, command: Command) -> None:
+def test_report_prints_the_best_setting_and_the_path_of_the_page(
+    scene: str, command: Command
+) -> None:
     line = f"report {scene} --near 1,0.01 --apertures '2,1;0,2' --depth d24 --no-causes"
     printed = command(f"{line} --out out --quiet")
     assert printed.err == ""
@@ -145,7 +147,7 @@ def test_names_that_look_like_addresses_are_local_paths(command: Command) -> Non
 
 
 LONG = 300 * "n"
-"""Name of a file that is longer than the 255 bytes that file systems allow."""
+"""File name longer than 255 bytes, the limit of file systems."""
 
 BAD = [
     ("explain car", "replaced by `xfrustum check`"),
@@ -294,7 +296,7 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
     ],
 )
 @pytest.mark.usefixtures("scene")
-def test_a_folder_that_cannot_be_written_is_said_before_any_work(
+def test_a_folder_that_cannot_be_written_is_reported_before_any_work(
     line: str, work: str, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     Path("a-file").touch()

@@ -1,4 +1,4 @@
-"""`--decided-by`: pictures of single tracers, their errors, and reports against them."""
+"""`--decided-by`: pictures of single tracers, their errors, and reports relative to them."""
 
 import json
 from dataclasses import replace
@@ -16,7 +16,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import read_image
 
 HARD = "hard/nearly-coincident"
-"""Two surfaces closer to each other than the resolution of single precision."""
+"""Scene with two surfaces closer together than the resolution of single precision."""
 
 
 @pytest.fixture(autouse=True)
@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def proposed(tracer: str) -> HogelImage:
-    """Return the picture of a tracer alone."""
+    """Return the picture of one tracer without certification."""
     scene = open_scene(HARD)
     return Reference(scene, tracer=tracer).propose(scene.plate.middle)
 
@@ -45,8 +45,8 @@ def test_a_tracers_own_picture_is_what_it_proposes_and_is_not_examined(
     assert command("compare a.exr a.exr").err == note
 
 
-def test_what_tracers_alone_would_have_got_wrong_is_counted(command: Command) -> None:
-    """By definition: pixels whose triangle differs between tracer and certified truth."""
+def test_errors_of_uncertified_tracers_are_counted(command: Command) -> None:
+    """Count by definition: pixels whose triangle differs between tracer and certified truth."""
     answer = command(f"trace {HARD} --json --quiet --out truth.exr").record
     truth = read_image("truth.exr")
     judged = truth.certainty != Certainty.TIE
@@ -59,10 +59,10 @@ def test_what_tracers_alone_would_have_got_wrong_is_counted(command: Command) ->
     assert command("compare truth.exr truth.exr").err == ""
 
 
-def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
+def test_a_report_counts_and_shows_errors_of_uncertified_tracers(
     command: Command,
 ) -> None:
-    """Embree's arithmetic confuses the two surfaces; Mitsuba's, here, does not."""
+    """Embree's arithmetic confuses the two surfaces; Mitsuba's does not in this scene."""
     how = "--pivot aperture --near 0.01 --depth d32f:reversed --apertures 2,2 --quiet"
     command(f"report {HARD} {how} --out out")
     content = json.loads(Path("out/report.json").read_text())
@@ -80,7 +80,7 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
 
 
 def test_offset_cameras_of_a_plain_tracer_are_those_of_the_certified_ones() -> None:
-    """Away from edges, where nothing is hard, a tracer in single precision is right."""
+    """Away from edges, a tracer in single precision is right."""
     scene = view("asymmetric-recentered", (48, 36))
     settings = DoubleFrustum(near=0.5, slabs=(15.0,))
     certified = Reference(scene).trace_model(scene.plate.middle, settings)

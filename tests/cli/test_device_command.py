@@ -1,4 +1,4 @@
-"""`xfrustum device`: output, files and refusals; cards on which EGL does not draw."""
+"""`xfrustum device`: output, files and errors; cards on which EGL does not draw."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from xfrustum.scenes.model.device_model import H100, DeviceModel, safe_model
 
 
 def names_at_hand(version: int = context.OLDEST_VERSION) -> dict[str, str]:
-    """Return the names of the device that draws."""
+    """Return the names of the device in use."""
     with context.open_context(version) as opened:
         names = context.describe(opened)
     opened.release()
@@ -53,7 +53,7 @@ def test_a_device_that_is_not_known_is_measured_once_and_kept(
 
 @pytest.mark.slow
 def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
-    """It has only OpenGL 3.3. The bounds for unknown devices do not hold for its D16."""
+    """softpipe has only OpenGL 3.3, and its D16 exceeds the bounds for unknown devices."""
     command = [sys.executable, "-m", "xfrustum", "device", "--json", "--quiet"]
     environment = os.environ | {"GALLIUM_DRIVER": "softpipe", "LIBGL_ALWAYS_SOFTWARE": "1"}
     answer = json.loads(
@@ -87,7 +87,7 @@ def test_a_recording_is_explained_by_the_model_of_its_device(
     assert (answer["unexplained"] > 0) == bool(shift)
 
 
-def test_plan_verify_and_conformance_say_by_which_device_they_explain(
+def test_plan_verify_and_conformance_name_the_device_of_their_bounds(
     tmp_path: Path, command: Command
 ) -> None:
     path, scene = tmp_path / "device.json", tmp_path / "scene.toml"
@@ -106,7 +106,7 @@ def test_plan_verify_and_conformance_say_by_which_device_they_explain(
 
 
 NO_MODELS: tuple[dict[str, Any], ...] = (
-    {"subpixel_bits": -3},  # corners would move by pixels, which explains anything
+    {"subpixel_bits": -3},  # corners would move by pixels, which would explain any error
     {"subpixel_bits": True},
     {"filter_bits": 25},
     {"d16": [math.nan, 0.5]},
@@ -139,7 +139,7 @@ def test_a_recording_that_fits_no_scene_is_refused(tmp_path: Path, command: Comm
 
 @pytest.fixture
 def card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Make a machine of which NVIDIA's kernel driver has a card and EGL does not."""
+    """Simulate a machine with a card that NVIDIA's kernel driver lists and EGL does not."""
     listed = tmp_path / "gpus" / "0000:01:00.0"
     listed.mkdir(parents=True)
     (listed / "information").write_text("Model: \t\t NVIDIA H100 80GB HBM3\nIRQ: 1\n")
@@ -161,7 +161,7 @@ def test_a_card_that_is_not_registered_with_egl_is_named_with_what_to_do(card: P
     assert "libraries" in str(context.overlooked_card())
 
 
-def test_a_variable_that_asks_for_software_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_variable_that_selects_software_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(context, "gpu_indices", lambda: (0,))
     for name in context.SOFTWARE_ASKED:
         monkeypatch.delenv(name, raising=False)

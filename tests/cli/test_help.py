@@ -1,4 +1,4 @@
-"""Help: every command has a use and an example; all examples parse and run in their order."""
+"""Help: every command has a use and an example; all examples parse and run in order."""
 
 import os
 import re
@@ -20,14 +20,14 @@ from xfrustum.cli.main import main
 from xfrustum.cli.options import TRACERS
 
 CHEAP = ("scenes", "new", "check", "camera")
-"""Examples that take about a second together; all others run with the slow tests."""
+"""Examples that together take about a second; the slow tests run all others."""
 
 NOT_RUN = ("study", "bench", "conformance")
-"""Examples that measure speed, whole maps or a renderer; other tests run them at smaller sizes."""
+"""Examples that measure speed, whole maps or a renderer; other tests run smaller versions."""
 
 
 def commands() -> dict[str, click.Command]:
-    """Return every command and, of groups, every command in them."""
+    """Return every command by name, including the commands in groups."""
     context = click.Context(cli)
     listed: dict[str, click.Command] = {}
     for name in cli.list_commands(context):
@@ -41,14 +41,13 @@ def commands() -> dict[str, click.Command]:
 EXAMPLES = {
     name: (command.epilog or "").rpartition("\n")[2].strip() for name, command in commands().items()
 }
-"""One line for each command of a shell.
-
-Run from top to bottom in a folder with beetle.obj, each has the files that it needs.
+"""Command lines of a shell, one for each command. Run in this order in a folder with beetle.obj,
+they create the files that later lines need.
 """
 
 
 def words(name: str) -> list[str]:
-    """Return the arguments of an example as a shell splits them."""
+    """Return the arguments of an example, split as by a shell."""
     program, *arguments = shlex.split(EXAMPLES[name])
     assert program == "xfrustum"
     return arguments
@@ -59,7 +58,7 @@ def test_the_help_of_every_command_ends_with_an_example_of_it_that_parses(
     name: str, command: Command
 ) -> None:
     printed = command(f"{name} --help").out
-    # Defaults are values that the option takes, not names of enumeration members.
+    # Defaults are values of the option, not names of enumeration members.
     assert re.search(r"\[default: [A-Z_]+\]", printed) is None
     heading, example = printed.rstrip().splitlines()[-2:]
     assert heading == "  Example:"
@@ -82,10 +81,10 @@ def test_the_names_of_tracers_are_those_of_the_reference() -> None:
 
 
 def run_examples(names: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
-    """Run examples in their order in one folder that has a mesh, and return their exit statuses."""
+    """Run examples in order in a folder with a mesh; return their exit statuses."""
     monkeypatch.chdir(folder)
     trimesh.creation.torus(2.0, 0.7).export("beetle.obj")
-    # The example of `verify` starts the program by its name, as a shell does.
+    # The example of `verify` starts the program by name, as a shell does.
     program = folder / "bin" / "xfrustum"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m xfrustum "$@"\n')
@@ -109,7 +108,7 @@ def test_examples_run_one_after_the_other(tmp_path: Path, monkeypatch: pytest.Mo
     ("line", "offered"),
     [("", "report"), ("re", "report"), ("report asym", "asymmetric"), ("report car --ti", "")],
 )
-def test_a_shell_is_told_commands_and_scenes(
+def test_a_shell_completes_commands_and_scenes(
     line: str, offered: str, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.setenv(COMPLETION_VARIABLE, "bash_complete")
@@ -118,21 +117,19 @@ def test_a_shell_is_told_commands_and_scenes(
     assert (f"plain,{offered}" in command("").out.splitlines()) is bool(offered)
 
 
-def test_a_shell_that_nobody_knows_is_bad_input(
-    monkeypatch: pytest.MonkeyPatch, command: Command
-) -> None:
+def test_an_unknown_shell_is_bad_input(monkeypatch: pytest.MonkeyPatch, command: Command) -> None:
     monkeypatch.setenv(COMPLETION_VARIABLE, "nosuch_source")
     assert "bash_source" in command("", status=2).err
 
 
-# Help, listings and complaints come at once: nothing that draws, traces or reads meshes is loaded
-# for them.
+# Help, listings and error messages must appear at once: drawing, tracing and mesh libraries stay
+# unloaded.
 
 HEAVY = (
     "trimesh", "scipy", "mitsuba", "drjit", "embreex", "moderngl", "OpenGL", "pyarrow", "plotly",
     "zarr", "jinja2", "PIL", "OpenEXR", "skimage", "matplotlib", "xarray", "distributed",
 )  # fmt: skip
-"""Libraries that take from a tenth of a second to some seconds to load."""
+"""Libraries that take from a tenth of a second to several seconds to load."""
 
 SCENE = named("boxes", "mm") + film(
     (40.0, 30.0), hogels=(5, 3), resolution=(48, 32), fov_deg=(60.0, 40.0), reach=(50.0, 60.0)
@@ -163,7 +160,7 @@ STRANGE_VALUES = [
 
 
 def loaded_by(lines: Sequence[Sequence[str]], folder: Path, watched: Sequence[str]) -> list[str]:
-    """Run command lines in one new process; return the first that loads a watched module."""
+    """Run command lines in a new process; return the first that loads a watched module."""
     program = f"""
 import contextlib, io, sys
 from xfrustum.cli.main import main
@@ -184,7 +181,7 @@ for line in {[list(line) for line in lines]!r}:
 
 
 def of_scene(scene: str) -> list[tuple[str, ...]]:
-    """Return the examples of all commands that open a scene, with another scene."""
+    """Return the examples of all commands that open a scene, applied to another scene."""
     lines = []
     for name, command in commands().items():
         if any(parameter.name in ("scene", "scenes") for parameter in command.params):

@@ -1,4 +1,4 @@
-"""Light on the command line: effects, numbers of samples, transport; and the paper's figure 7."""
+"""Light on the command line: effects, numbers of samples, transport, and the paper's figure 7."""
 
 import math
 import re
@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ),
     ],
 )
-def test_the_header_says_what_made_the_picture(
+def test_the_header_names_the_origin_of_the_picture(
     line: str, expected: tuple[Any, ...], command: Command
 ) -> None:
     command(f"{line} --out made.exr")
@@ -70,7 +70,7 @@ def test_the_header_says_what_made_the_picture(
 def test_light_transport_chooses_the_tracer_that_can_do_it(
     asked_by: str, folder: Path, command: Command
 ) -> None:
-    """The paper's light has no transport, as in `report` and `budget`."""
+    """`report` and `budget` use the paper's light, without transport."""
     options = "--interreflection --samples 2"
     if asked_by == "scene":
         (folder / "boxes.toml").write_text(
@@ -81,7 +81,7 @@ def test_light_transport_chooses_the_tracer_that_can_do_it(
     assert read_image("paths.exr").camera.light_paths == 2
 
 
-def test_a_tracer_or_effects_that_are_asked_for_leave_the_scenes_transport_out(
+def test_a_selected_tracer_or_effects_replace_the_scenes_transport(
     folder: Path, command: Command
 ) -> None:
     (folder / "boxes.toml").write_text(SCENE + "[transport]\nshadows = true\n")
@@ -108,7 +108,7 @@ def test_light_paths_bring_their_variance_to_the_comparison(command: Command) ->
 def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_the_viewer(
     command: Command,
 ) -> None:
-    """By projection: -x/|z| to the right and y/|z| upward, about the aperture."""
+    """Expected projection about the aperture: -x/|z| to the right and y/|z| upward."""
     printed = command("study figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
     assert printed.out.strip() == "seven/index.html"
     pictures = {f"{name}.png" for name in ("both", "c-star-as-seen", "c-star-other", "c-star", "c")}
@@ -119,7 +119,7 @@ def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_t
     c, c_star, both = (
         np.asarray(Image.open(f"seven/{name}.png")) for name in ("c", "c-star", "both")
     )
-    # C* overlays C: where it shows a surface, both show it; elsewhere both show what C shows.
+    # C* overlays C: both show C* where it has a surface, else C.
     np.testing.assert_array_equal(np.where(c_star[..., 3:] > 0, c_star, c), both)
     assert (c[..., 3] > 0).any() and (c_star[..., 3] > 0).any()
     scene = open_scene("asymmetric")
@@ -138,5 +138,5 @@ def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_t
         rows = np.floor((1 - up) * height / 2).astype(int)
         seen[rows, np.floor((1 + right) * width / 2).astype(int)] = True
         assert seen.sum() > 500
-        # But for outlines, which the near offset moves by less than a pixel.
+        # Except at outlines, which the near offset moves by less than a pixel.
         assert (seen != (picture[..., 3] > 0)).mean() < 0.005

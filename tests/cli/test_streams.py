@@ -1,4 +1,4 @@
-"""A command's message is one escaped line, whatever the standard streams are connected to."""
+"""Messages of commands are one escaped line each, with any kind of standard stream."""
 
 import os
 import shlex
@@ -37,7 +37,7 @@ def run(line: str, folder: Path, **variables: str) -> subprocess.CompletedProces
 
 
 LETTERS = st.one_of(st.integers(0, 0x2FF), st.integers(0, 0x10FFFF)).map(chr)
-"""Surrogates too; `st.text` would first sort all letters by their categories, in two seconds."""
+"""Includes surrogates. `st.text` would first sort all letters by category, for two seconds."""
 
 
 @given(st.lists(LETTERS).map("".join))
@@ -74,7 +74,7 @@ def test_control_characters_in_names_are_escaped_in_errors(command: Command) -> 
     assert not set("".join(messages)) & set(HOSTILE) - set("]0;owned[31m")
 
 
-def test_control_characters_in_what_a_renderer_says_are_escaped_in_the_table(
+def test_control_characters_in_a_renderers_output_are_escaped_in_the_table(
     command: Command,
 ) -> None:
     size = film((40.0, 30.0), (2, 1), (12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
@@ -97,7 +97,7 @@ def test_a_full_standard_output_is_status_2_and_one_line(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("closed", ["2>&-", "2>/dev/full", "2>&- >&- <&-"])
-def test_without_standard_error_the_status_still_tells(closed: str, tmp_path: Path) -> None:
+def test_without_standard_error_the_status_remains(closed: str, tmp_path: Path) -> None:
     done = run(f"X scenes --no-such-option {closed}; echo $?", tmp_path)
     assert (done.stdout, done.stderr) == ("2\n", "")
 
@@ -145,7 +145,7 @@ def test_warnings_and_logs_of_libraries_are_shown_on_request(tmp_path: Path) -> 
     "ending",
     [
         "os.dup2(2, 2); faulthandler._sigsegv()",
-        # a library has taken standard error for its own text
+        # a library has redirected standard error for its own text
         "os.dup2(1, 2); faulthandler._sigsegv()",
     ],
 )
@@ -172,7 +172,7 @@ def test_no_message_is_longer_than_500_characters(command: Command) -> None:
         assert message.count("\n") == 1 and len(message) <= 501
 
 
-# Ctrl-C and SIGTERM at any moment: 130 or 143, one line, nothing left behind.
+# Ctrl-C and SIGTERM at any moment: exit status 130 or 143, one line, no files left.
 
 ENDED = {
     signal.SIGINT: (130, "xfrustum: interrupted\n"),
@@ -194,7 +194,7 @@ def start(arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:
 
 
 def program(body: str) -> list[str]:
-    """Return arguments of a Python that runs the command line with one more command, `work`."""
+    """Return the arguments of a Python process with an additional command, `work`."""
     return [
         "-c",
         "import sys\n"
@@ -341,7 +341,7 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
 
 
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
-    """The command is done: its status stands, and the exit of Python raises no exception."""
+    """The command is done: its exit status stands, and Python exits without an exception."""
     leaving = (
         "import atexit, time\n"
         "atexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
@@ -360,7 +360,7 @@ def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
         assert (process.returncode, message) == (0, "")
 
 
-def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path: Path) -> None:
+def test_a_background_job_ignores_ctrl_c_as_its_shell_set(tmp_path: Path) -> None:
     arguments = program(
         "import time\nprint('ready', flush=True)\ntime.sleep(0.3)\nraise KeyError('went on')"
     )

@@ -1,4 +1,4 @@
-"""Conformance run of wrong renderers: `python -m tests.conformance` prints a table of them all."""
+"""Conformance run of all wrong renderers: `python -m tests.conformance` prints their table."""
 
 import argparse
 import sys

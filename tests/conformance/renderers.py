@@ -1,6 +1,6 @@
 """Renderers for the conformance suite: the ray caster of `tests.wrong_renderers`.
 
-It reads the folder of a case alone. The environment variable XFRUSTUM_TOY chooses a mistake, a toy
+It reads only the folder of a case. The environment variable XFRUSTUM_TOY selects a mistake, a toy
 of `tests.wrong_renderers`.
 """
 
@@ -21,7 +21,7 @@ from tests.wrong_renderers.worlds import Floats, Ints, Part, World
 
 @cache
 def world_of(folder: Path, name: str) -> World:
-    """Return the scene in the folder of a case."""
+    """Return the scene in a case's folder."""
     case = json.loads((folder / "case.json").read_text())
     scene, objects, lights = np.load(folder / "scene.npz"), case["objects"], case["lights"]
     if case["asked"] in ("rgb", "srgb"):
@@ -65,7 +65,7 @@ def world_of(folder: Path, name: str) -> World:
 
 
 def draw(folder: Path, case: dict[str, Any], hogel: tuple[int, int]) -> Floats | Ints:
-    """Draw a hogel as the ray caster does, with the stated near offset."""
+    """Draw a hogel with the ray caster and the stated near offset."""
     if not case["objects"]:
         width, height = case["resolution"]
         return np.zeros((height, width), dtype=np.int64)
@@ -77,7 +77,7 @@ def draw(folder: Path, case: dict[str, Any], hogel: tuple[int, int]) -> Floats |
 
 
 def bars(folder: Path, case: dict[str, Any], hogel: tuple[int, int]) -> Floats:
-    """Draw surfaces that show their vertex colors alone, as the mean over the sub-apertures."""
+    """Draw surfaces in their vertex colors, averaged over the sub-apertures."""
     scene = np.load(folder / "scene.npz")
     (aperture,) = [a for a in case["apertures"] if a["hogel"] == list(hogel)]
     width, height = case["resolution"]
@@ -101,7 +101,7 @@ def bars(folder: Path, case: dict[str, Any], hogel: tuple[int, int]) -> Floats:
 
 
 def toy(folder: Path, case: dict[str, Any], hogel: tuple[int, int]) -> Picture | Ints | Floats:
-    """Draw a hogel as the wrong renderer of the environment variable does."""
+    """Draw a hogel with the wrong renderer that the environment variable selects."""
     name = os.environ["XFRUSTUM_TOY"]
     if case["near"]:
         raise NotImplementedError("no stated near offset")

@@ -1,4 +1,4 @@
-"""Wrong renderers, the level that each must fail first, and the cause to be named."""
+"""Wrong renderers with the level that each must fail first and the cause to be named."""
 
 import os
 from collections import Counter
@@ -17,11 +17,11 @@ TRIED = {
     "L3": ("L3-attic-0", "L3-attic-2", "L3-attic-4", "L3-screen-behind"),
     "L4": ("L4-harbor", "L4-smooth"),
 }
-"""Cases of the table by level: every mistake shows in some of them."""
+"""Cases of the table by level: each mistake changes some of them."""
 
 
 OF_LARGE_NUMBERS = ("green-red", "low-byte")
-"""Renderers that are wrong for numbers beyond 8 bits alone."""
+"""Renderers that are wrong only for numbers beyond 8 bits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class Wrong:
     """A wrong renderer, a toy of `tests.wrong_renderers`."""
 
     name: str
-    level: str  #: lowest level that it must fail
+    level: str  #: lowest level that the renderer must fail
     causes: frozenset[str]  #: accepted names of faults, or beginnings of names
 
 
@@ -123,7 +123,7 @@ WRONG = [
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """A wrong renderer, and the verdicts of the cases up to its level."""
+    """A wrong renderer, and the verdicts of cases up to its level."""
 
     renderer: Wrong
     verdicts: tuple[Verdict, ...]
@@ -134,12 +134,12 @@ class Tried:
 
     @property
     def level(self) -> str | None:
-        """The lowest level that it fails."""
+        """Lowest level that the renderer fails."""
         return min((verdict.level for verdict in self.failed), default=None)
 
     @property
     def named(self) -> list[str]:
-        """Causes of its explained failures."""
+        """Named causes of its failures."""
         return [verdict.cause for verdict in self.failed if verdict.faults]
 
     @property
@@ -155,7 +155,7 @@ class Tried:
         return [cause for cause in self.named if not self.matches(cause)]
 
     def matches(self, cause: str) -> bool:
-        """Return whether a cause has an accepted name, or a refined one."""
+        """Return whether a cause has an accepted name, or refines one."""
         return any(
             fault == name or fault.startswith(f"{name}-")
             for fault in cause.split(", ")
@@ -164,7 +164,7 @@ class Tried:
 
 
 def tried(renderer: Wrong, names: Sequence[str] = ()) -> Tried:
-    """Take a wrong renderer through some cases, by default of its level and the levels before."""
+    """Judge a wrong renderer in some cases, by default in its level and the levels below."""
     names = list(names) or [
         name for level, some in TRIED.items() if level <= renderer.level for name in some
     ]
@@ -196,7 +196,7 @@ def row(result: Tried) -> str:
 
 
 def failures(results: Sequence[Tried]) -> dict[str, list[str]]:
-    """Return the names of renderers by what went wrong with them; the lists are empty at best."""
+    """Return the names of renderers by problem; the lists are empty if all is well."""
     return {
         "false passes": [r.renderer.name for r in results if r.level is None],
         "at another level": [r.renderer.name for r in results if not r.right_level],

@@ -1,4 +1,4 @@
-"""Conformance suite: frozen truths, a right renderer, wrong ones, statements and archives."""
+"""Conformance suite: frozen truths, right and wrong renderers, statements and archives."""
 
 from __future__ import annotations
 
@@ -143,12 +143,12 @@ def test_wrong_renderers_fail_the_right_level_for_the_right_cause(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     problems = failures([tried(renderer) for renderer in WRONG])
-    # With unbounded intervals, HiGHS wrote to standard output, past Python.
+    # Before intervals were bounded, HiGHS wrote to standard output, past Python.
     assert capfd.readouterr().out == ""
     assert not any(problems.values()), problems
 
 
-def test_a_case_that_cannot_tell_faults_apart_gets_the_one_that_others_name() -> None:
+def test_a_case_with_indistinguishable_faults_gets_the_fault_of_other_cases() -> None:
     first = Verdict(name="a", level="L0", verdict=CaseOutcome.FAIL, cause="not-overlaid")
     alternatives: dict[str, tuple[str, ...]] = {"front-missing": ("not-overlaid",)}
     alike = replace(first, name="b", cause="front-missing", alternatives=alternatives)
@@ -165,8 +165,8 @@ def test_a_wrong_pixel_fails_and_one_at_an_edge_does_not() -> None:
     pixels = judged(case, scene, truth, replace(truth, triangle=inside))
     assert pixels.unexplained == 1 and not pixels.within(case)
     assert judged(case, scene, truth, truth).wrong == 0
-    # At outlines each pixel shows its neighbor: within half a step of a grid of whole pixels, and
-    # rarely within half a step of 1/256.
+    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels,
+    # and rarely within half a step of 1/256.
     moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
     fine = judged(case, scene, truth, moved, LLVMPIPE)
     coarse = judged(case, scene, truth, moved, replace(LLVMPIPE, subpixel_bits=0))
@@ -269,7 +269,7 @@ def test_images_of_a_folder_are_judged_and_missing_ones_are_named(tmp_path: Path
 
 
 def test_nothing_outside_the_folder_of_images_gets_into_the_statement(tmp_path: Path) -> None:
-    """Links, pipes and long files are named as the problem; their content stays out."""
+    """Links, pipes and long files are reported as problems, without their content."""
     case, images, secret = case_named("L0-behind"), tmp_path / "images", tmp_path / "secret"
     reason = images / case.name / "unsupported"
     reason.parent.mkdir(parents=True)
@@ -287,7 +287,7 @@ def test_nothing_outside_the_folder_of_images_gets_into_the_statement(tmp_path: 
     refused("is a pipe")
     reason.write_text("password" * 10_000)
     refused("more than a file with a reason has")
-    # A link within the folder, and an empty file, which states no reason.
+    # A link within the folder, and an empty file, which has no reason to be quoted
     (images / "reason").write_text("")
     reason.symlink_to(images / "reason")
     assert judged_images(images, case.name) == [("unsupported", "not claimed")]
@@ -381,7 +381,7 @@ def test_list_show_and_export_print_cases(
     assert {"name", "level", "hogels", "digest"} == set(listed["cases"][0])
     main(["conformance", "show", "L0-behind", "--out", str(tmp_path / "first")])
     assert "accepted: the triangle" in capsys.readouterr().out
-    # Paths of the installation would differ between archives.
+    # Paths of the installation would make archives differ.
     described = json.loads((tmp_path / "first/case/case.json").read_text())
     assert [part["name"] for part in described["objects"]] == ["behind-f.obj"]
     assert np.load(tmp_path / "first/case/scene.npz")["names"].tolist() == ["behind-f.obj"]

@@ -21,21 +21,23 @@ HERE = Path(__file__).resolve().parent
 PARTS = ("truths", "rasters", "answers", "wrong-renderers")
 
 MAX_LINES = 200
-"""Most differences of a part that are printed."""
+"""Largest number of printed differences of a part."""
 
 SINGLE = float(np.finfo(np.float32).eps)
-"""Rounding of float32, the type of stored reals; orders of addition may differ by some of it."""
+"""Rounding of float32, the type of stored reals; the order of additions may change sums by a few
+roundings.
+"""
 REAL = 1e-9
-"""Relative difference of reals in answers: sums of 10^6 doubles err by at most 10^6 2^-53."""
+"""Relative tolerance of reals in answers: sums of 10^6 doubles err by at most 10^6 2^-53."""
 FLIP = 1e-5
-"""Relative difference of means of FLIP, whose filters its library sums in float32, some tens of
-terms each: other processors add them in other orders.
+"""Relative tolerance of means of FLIP. Its library sums filters in float32, with tens of terms
+each, in an order that depends on the processor.
 """
 
 
 @dataclass(kw_only=True)
 class Difference:
-    """Values that were compared, and those that differ."""
+    """Numbers of compared values, and differences."""
 
     compared: int = 0
     differ: list[str] = field(default_factory=list)
@@ -52,7 +54,7 @@ class Difference:
 
 
 def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Difference:
-    """Compare integers bit for bit, and reals to some roundings of float32 of the largest value."""
+    """Compare integers bit for bit, and reals to a few float32 roundings of the largest value."""
     tally = Difference(gone=sorted(set(old) - set(new)), new=sorted(set(new) - set(old)))
     for key in sorted(set(old) & set(new)):
         a, b = np.asarray(old[key]), np.asarray(new[key])
@@ -73,7 +75,7 @@ def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Difference
 
 
 def alike(a: object, b: object, place: str = "") -> bool:
-    """Return whether two leaves of an answer are the same, reals to rounding."""
+    """Return whether two leaves of an answer are equal, reals up to rounding."""
     if isinstance(a, int | float) and isinstance(b, int | float):
         return math.isclose(a, b, rel_tol=FLIP if place.endswith("flip") else REAL, abs_tol=1e-12)
     return a == b
@@ -82,7 +84,7 @@ def alike(a: object, b: object, place: str = "") -> bool:
 def compare_answers(
     old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[str, Any]]
 ) -> Difference:
-    """Compare leaf by leaf; keys are named where they have gone or come."""
+    """Compare leaf by leaf, and list keys that were removed or added."""
     tally = Difference(gone=sorted(set(old) - set(new)))
     for name in sorted(set(old) & set(new)):
         a, b = old[name], new[name]
@@ -107,7 +109,7 @@ def wrong_renderers() -> dict[str, str]:
 
 
 def by_renderer(table: str) -> dict[str, str]:
-    """Return the rows of a table by the words of the renderer, without head and truth."""
+    """Return the rows of a table by the description of the renderer, without head and truth."""
     rows = [line.split("|") for line in table.splitlines() if "harbor" in line]
     return {row[2].strip(): "|".join(row[4:10]).strip() for row in rows}
 
@@ -132,7 +134,7 @@ def make(folder: Path, parts: list[str]) -> None:
 
 
 def compare(parts: list[str]) -> bool:
-    """Print what differs from the corpus, part by part; return whether nothing does."""
+    """Print the differences from the corpus, part by part; return whether there are none."""
     tallies: dict[str, Difference] = {}
     for part, arrays in (("truths", truths.truths), ("rasters", truths.rasters)):
         if part in parts:

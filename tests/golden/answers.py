@@ -1,4 +1,4 @@
-"""Answers of the golden corpus: what commands print and write, as flat tables of values."""
+"""Answers of the golden corpus: values that commands print and write, in flat tables."""
 
 import json
 import re
@@ -46,7 +46,7 @@ COMMANDS = {
     "check-car": "check car --json",
     "check-truck": f"check {TRUCK} --json",
 }
-"""Commands by the name of their answer."""
+"""Commands by the names of their answers."""
 
 OF_THE_RUN = re.compile(
     r"(seconds|_s$|_ms|wall|version|time|machine|device|renderer|created|path|folder|files?$|"
@@ -54,13 +54,13 @@ OF_THE_RUN = re.compile(
     r"source|python|command|opengl|llvm|made|page|host|cost|speed|provenance|hash|uuid|price|warm|"
     r"per_second|fps|clock)"
 )
-"""Names of values that differ from run to run, or between machines."""
+"""Names of values that differ between runs or machines."""
 
 Values = dict[str, Any]
 
 
 def flat(value: object, at: str = "") -> Values:
-    """Return the leaves of a JSON value by their place, without leaves of one run alone."""
+    """Return the leaves of a JSON value by path, without leaves that differ between runs."""
     if isinstance(value, dict):
         kept = {k: v for k, v in value.items() if not OF_THE_RUN.search(str(k).lower())}
         return {
@@ -76,17 +76,15 @@ def flat(value: object, at: str = "") -> Values:
 
 
 def arrays_of_plate(folder: Path) -> Values:
-    """Return the digests of the arrays of a plate's group, as any reader of Zarr sees them."""
+    """Return digests of the arrays in a plate's group, as any reader of Zarr returns them."""
     group = zarr.open_group(folder, mode="r")
     digests: Values = {}
     for name, array in group.arrays():
         digests[f".{name}.shape"] = list(array.shape)
-        values = np.asarray(
-            array[:3, :4] if array.ndim > 1 else array[...]
-        )  # the hogels that were drawn
-        if values.dtype.kind in "biuf":  # the others are names of versions and devices
+        values = np.asarray(array[:3, :4] if array.ndim > 1 else array[...])  # the drawn hogels
+        if values.dtype.kind in "biuf":  # other types are names of versions and devices
             whole = np.nan_to_num(values.astype(np.float64)).ravel()
-            # The second number changes where values change places.
+            # The second number changes if values are exchanged.
             digests |= {
                 f".{name}.sum": whole.sum(),
                 f".{name}.moment": whole @ np.arange(whole.size),
@@ -119,7 +117,7 @@ def answer(name: str, out: Path) -> Values:
 
 
 def answers(out: Path) -> dict[str, Values]:
-    """Return the answers of all commands whose data is at hand."""
+    """Return the answers of all commands whose data is available."""
     shared = (CHECKOUT.parent / "shared").is_dir()
     there = [name for name, line in COMMANDS.items() if shared or "../shared" not in line]
     return {name: answer(name, out / name) for name in tqdm(there, desc="answers")}
@@ -130,9 +128,9 @@ EXPECTED = {
     r"report-.*\.best\.sentence": "it begins with its hogel, and ranks by error alone",
     r"plan-.*\.plate\.(hopeless|set_aside)": "named infeasible; no plan for a part of the others",
     r"plan-.*\.reason": "wrong surfaces count as displacements do, and are named",
-    # Version 0.2 scouted 524 apertures, of which 521 are scouted now; all heights are equal bit for
-    # bit. Lengths on the film are rounded otherwise in the last place, which breaks a tie of
-    # mirrored, equally bad apertures the other way: other neighbors are looked through.
+    # Version 0.2 scouted 524 apertures, 521 of which are scouted now, with bit-identical heights.
+    # Lengths on the film differ by a rounding in the last place. This breaks a tie of two mirrored
+    # apertures the other way, so that other neighbors are scouted.
     r"plan-.*\.plate\.scouted": "521 of the same 524, by a tie that rounding breaks; both right",
     r"plan-.*\.measured\.(displacement_p99_px|surface_fraction|depth_wrong)": "the sample counts",
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond in any case",
@@ -154,7 +152,9 @@ EXPECTED = {
     r"check-.*\.textures": "without the size of pictures, which no effect depends on",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
-"""Reasons by regular expression: answers that differ or have gone, and why the new one is right."""
+"""Reasons by regular expression for answers that differ or are gone: each states why the new answer
+is right.
+"""
 
 
 def is_expected(line: str) -> bool:

@@ -1,4 +1,4 @@
-"""The golden corpus: this checkout answers as version 0.2 did, but for explained differences."""
+"""The golden corpus: this checkout gives the answers of version 0.2, with explained exceptions."""
 
 import gzip
 import json
@@ -15,7 +15,7 @@ from xfrustum import Rasterizer, open_scene
 
 
 def held_against(part: str, step: int) -> Difference:
-    """Compare every `step`-th of a part's scenes; a scene missing here counts as gone."""
+    """Compare every `step`-th scene of a part; a scene that is missing here counts as gone."""
     with np.load(HERE / f"{part}.npz") as old:
         known = dict.fromkeys(key.partition("|")[0] for key in old.files)
         here = [name for name in known if truths.SHARED.is_dir() or not name.startswith("shared/")]
@@ -34,7 +34,7 @@ def test_truths_are_those_of_the_corpus(step: int) -> None:
 
 @pytest.mark.parametrize("step", thinned([9, 1], 2))
 def test_rasters_are_those_of_the_corpus(step: int) -> None:
-    """The corpus was drawn by llvmpipe: another device rounds otherwise."""
+    """The corpus was drawn by llvmpipe; other devices round differently."""
     with Rasterizer(open_scene("empty")) as rasterizer:
         if "llvmpipe" not in rasterizer.device["renderer"]:
             pytest.skip(

@@ -1,4 +1,4 @@
-"""Images of the golden corpus: truths and rasters of every scene, in few pixels."""
+"""Images of the golden corpus: small truths and rasters of every scene."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -36,13 +36,13 @@ DEPTHS = (
     (DepthFormat.D32F, DepthMapping.REVERSED),
 )
 NEARS = (1e-2, 1e-5)
-"""Near offsets as shares of the reach: one bends pictures, one starves depth buffers."""
+"""Near offsets relative to the reach: one displaces points visibly, one starves depth buffers."""
 
 Arrays = dict[str, NDArray[Any]]
 
 
 def scenes() -> Iterator[tuple[str, Scene]]:
-    """Yield name and scene of built-in scenes, hard cases but the giants, and shared scenes."""
+    """Yield names and scenes: built-in scenes, hard cases except giants, and shared scenes."""
     for name in (*BUILT_IN, *cases.names(giants=False)):
         yield name, open_scene(name)
     for path in sorted(SHARED.glob("*.toml")):
@@ -50,21 +50,21 @@ def scenes() -> Iterator[tuple[str, Scene]]:
 
 
 def small(scene: Scene) -> Scene:
-    """Return the scene with few pixels; hard cases keep theirs, whose lines hit exact targets."""
+    """Return the scene with few pixels; hard cases keep their films with exact targets."""
     if scene.name.startswith("hard/"):
         return scene
     return replace(scene, frustum=replace(scene.frustum, resolution=RESOLUTION))
 
 
 def apertures(scene: Scene) -> list[Aperture]:
-    """Return the middle aperture, the top left one, and one between them on an odd place."""
+    """Return the middle aperture, the top left one, and one in an odd place between them."""
     columns, rows = scene.plate.hogels
     places = dict.fromkeys([(columns // 2, rows // 2), (0, 0), (columns // 5, (2 * rows) // 3)])
     return [scene.plate.aperture(column, row) for column, row in places]
 
 
 def truths(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
-    """Return truths of scenes (None: all): `scene|column,row|channel`, reals as float32."""
+    """Return the truths of scenes (None: all) as `scene|column,row|channel`, reals as float32."""
     arrays: Arrays = {}
     for name, whole in tqdm(list(chosen or scenes()), desc="truths"):
         scene = small(whole)
@@ -85,7 +85,7 @@ def truths(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
 
 
 def rasters(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
-    """Return triangles of rasters, `scene|near/reach|depth|mapping|column,row`; D32F has colors."""
+    """Return raster triangles by `scene|near/reach|depth|mapping|column,row`; D32F has colors."""
     arrays: Arrays = {}
     for name, whole in tqdm(list(chosen or scenes()), desc="rasters"):
         if name.startswith("hard/"):

@@ -1,4 +1,4 @@
-"""Wrong renderers and a right one, written from CONVENTIONS.md alone: none of our code is in them.
+"""Wrong renderers and a right one, written from CONVENTIONS.md, without code of the package.
 
 | module | content |
 | --- | --- |

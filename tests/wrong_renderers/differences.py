@@ -1,4 +1,4 @@
-"""The errors of a picture by brute force: each pixel against every surface that its line meets."""
+"""Errors of a picture by brute force: each pixel against every surface that its line meets."""
 
 from dataclasses import dataclass
 
@@ -10,24 +10,22 @@ from tests.wrong_renderers.worlds import Ints, World
 
 Mask = NDArray[np.bool_]
 
-# Difference in linear radiance above which colors show different surfaces; rounding is 1/510
+# smallest difference in linear radiance of different surfaces; rounding is 1/510
 COLOR = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """Shares of the pixels that show something, in truth or picture, of the worst hogel."""
+    """Wrong shares of the worst hogel, relative to pixels with a surface in truth or picture."""
 
     different: float
-    """Share of pixels that differ, by however little (colors: by more than rounding).
-    """
+    """Share of pixels with any difference (colors: beyond rounding)."""
     wrong: float
-    """Share of pixels whose object is another (or none, or invalid), or whose triangle their line
-    meets
-    elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over
-    `COLOR`
-    apart."""
-    pixels: int  # Number of wrong pixels in all hogels
+    """Share of pixels with a wrong, missing or invalid object, or with a triangle that their line
+    does not meet first, or does not meet within a pixel; in plain pictures, share of pixels whose
+    colors differ by more than `COLOR`.
+    """
+    pixels: int  # number of wrong pixels in all hogels
 
 
 def difference(world: World, pictures: dict[tuple[int, int], Picture], encoding: str) -> Difference:
@@ -65,9 +63,7 @@ def _share(of: Mask, shown: Mask) -> float:
 
 
 def _misplaced(world: World, i: int, j: int, claims: Ints, truth: Ints) -> Mask:
-    """Return whether a claimed triangle of the right object lies beside the pixel, but not under
-    it.
-    """
+    """Return pixels whose triangle, of the right object, lies beside the pixel but not under it."""
     count = len(world.triangles)
     object_of = np.append(world.object_of, -1)
     valid = (claims > 0) & (claims <= count) & (truth > 0)

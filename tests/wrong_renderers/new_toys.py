@@ -1,6 +1,6 @@
-"""More wrong renderers, each a mistake that developers make, and pairs of two at once.
+"""Further wrong renderers: each has a typical mistake of developers, or a pair of mistakes.
 
-They were written without a look at the diagnosis. Names of faults follow docs/verify.md, as in
+They were written without knowledge of the diagnosis. Names of faults follow docs/verify.md, as in
 `toys`.
 """
 
@@ -39,27 +39,27 @@ Place = Callable[[World, int, int], tuple[int, int]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slip:
-    """One mistake, by the stage at which it happens, so that two can be made at once."""
+    """A mistake, by the stage at which it occurs, so that mistakes can be combined."""
 
     words: str
     names: str
-    """Names of the defect, separated by blanks, one of which `verify` must give; empty where it has
-    no
-    name for the defect, and may give none."""
+    """Accepted names of the defect, separated by blanks: `verify` must give one of them. Empty if
+    `verify` has no name for the defect.
+    """
     encodings: tuple[str, ...] = ENCODINGS
     scene: str | None = None
-    world: Callable[[World], World] | None = None  # Change of the scene
-    place: Place = lambda world, i, j: (i, j)  # Column and row of the hogel that is drawn
+    world: Callable[[World], World] | None = None  # change of the scene
+    place: Place = lambda world, i, j: (i, j)  # column and row of the hogel that is drawn
     mistakes: Mistakes | Callable[[World, int, int], Mistakes] = RIGHT
-    radiance: Callable[[Floats], Floats] | None = None  # From linear radiance to bytes / 255
-    change: Callable[[Picture], Picture] | None = None  # Change of the picture
+    radiance: Callable[[Floats], Floats] | None = None  # from linear radiance to bytes / 255
+    change: Callable[[Picture], Picture] | None = None  # change of the picture
 
     def of_hogel(self, world: World, i: int, j: int) -> Mistakes:
         return self.mistakes if isinstance(self.mistakes, Mistakes) else self.mistakes(world, i, j)
 
 
 def drawn_by(*slips: Slip) -> Draw:
-    """Return a renderer that makes all these mistakes."""
+    """Return a renderer that combines these mistakes."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         wrong, colors = RIGHT, None
@@ -107,7 +107,7 @@ def one_object(names: str, change: Callable[[Part], Part]) -> Callable[[World], 
 def about_middle(
     matrix: Floats, move: tuple[float, float, float] = (0, 0, 0)
 ) -> Callable[[Part], Part]:
-    """Return a function that turns or scales an object about its box's middle, and moves it."""
+    """Return a function that turns or scales an object about its box's middle, then moves it."""
 
     def part(of: Part) -> Part:
         middle = (of.corners.min(axis=0) + of.corners.max(axis=0)) / 2
@@ -122,16 +122,14 @@ def about_y(degrees: float) -> Floats:
 
 
 def odd_rows(right: Picture) -> Picture:
-    """Odd rows begin one pixel too far to the right."""
+    """Shift odd rows one pixel to the right."""
     shifted = right.copy()
     shifted[1::2, 1:] = right[1::2, :-1]
     return shifted
 
 
 def three_quarters(how: Image.Resampling) -> dict[str, Callable[..., object]]:
-    """Pictures are drawn at 0.75 of the resolution; resizing them needs the film's own size, 4 to
-    3.
-    """
+    """Draw at 0.75 of the resolution and resize by 4/3, without correcting the film."""
 
     def change(made: Picture) -> Picture:
         height, width = made.shape[:2]
@@ -141,20 +139,18 @@ def three_quarters(how: Image.Resampling) -> dict[str, Callable[..., object]]:
 
 
 def jittered(world: World, i: int, j: int) -> Mistakes:
-    """Each aperture is off by a random amount."""
+    """Shift each aperture by a random amount."""
     right, up = np.random.default_rng([i, j]).normal(0, 0.2, 2).tolist()
     return Mistakes(aperture=(right, up))
 
 
 def starved(world: World, i: int, j: int) -> Mistakes:
-    """The near plane is as close as it goes, and the depth buffer has 16 bits."""
+    """Place the near plane extremely close, with a depth buffer of 16 bits."""
     return Mistakes(near=1e-5 * max(world.reach), depth_bits=16)
 
 
 def rolled(world: World, i: int, j: int, encoding: str) -> Picture:
-    """An unsheared picture is rolled by whole pixels: what leaves on one side comes in on the
-    other.
-    """
+    """Roll an unsheared picture by whole pixels; columns that leave it enter on the other side."""
     _, _, k = ray_caster.lines(world, i, j)
     assert world.screen
     height, full = world.screen[0], world.screen[3:]
@@ -165,9 +161,7 @@ def rolled(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 BACK, MIDDLE, FRONT = "pebble crate", "band scarf", "buoy lamp"
-"""Names of the objects behind the plate, of those that pass through it, and before it, in both
-scenes.
-"""
+"""Names of the objects behind the plate, across it and before it, in both scenes."""
 
 COLORS = (RGB,)
 TRANSFER = "srgb-read-as-linear linear-read-as-srgb gamma wrong-transfer wrong-encoding"
@@ -357,7 +351,7 @@ SLIPS: dict[str, Slip] = {
         words="16 bits of depth from a near of 1e-5 of the reach on",
         names="",
         mistakes=starved,
-        # In the harbor surfaces of one object fight with each other alone: its number is right.
+        # In the harbor, z-fighting occurs only within an object, so that object numbers stay right.
         encodings=(TRIANGLES, RGB),
     ),
     "clipped": Slip(
@@ -399,7 +393,7 @@ CLASSIC: dict[str, Slip] = {
         mistakes=Mistakes(light="not conjugated"),
     ),
 }
-"""Classic mistakes that are made together with others."""
+"""Classic mistakes for combinations."""
 
 PAIRS = (
     ("near", "object-missing"),
@@ -416,11 +410,11 @@ PAIRS = (
     ("flat-normals", "near"),
     ("mirrored", "lights"),
 )
-"""Mistakes that are made at once; `verify` must name both."""
+"""Pairs of mistakes; `verify` must name both."""
 
 
 def add_slips(name: str, group: str, *slips: Slip) -> None:
-    """Add the renderer that makes these mistakes."""
+    """Add the renderer that combines these mistakes."""
     encodings = tuple(
         of for of in (*ENCODINGS, SRGB) if all(of in slip.encodings for slip in slips)
     )

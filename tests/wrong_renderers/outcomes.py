@@ -1,4 +1,4 @@
-"""The outcome of `xfrustum verify` for a renderer of this package, and the table of all."""
+"""Outcomes of `xfrustum verify` for the renderers of this package, and their table."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,17 +16,16 @@ from tests.wrong_renderers.ray_caster import Picture
 from tests.wrong_renderers.toys import Toy
 from tests.wrong_renderers.worlds import World
 
-LIMIT = 0.01  # default limit of wrong pixels in each hogel of `verify`
+LIMIT = 0.01  # default limit of `verify` for wrong pixels in each hogel
 
 BEYOND_DOUBT = 1.5 * LIMIT
-"""A renderer with more than this in its worst hogel must not pass; between it and none at all it
-may. Brute
-force counts a displaced pixel from a whole pixel on only, and colors from a tenth of white on."""
+"""A renderer with a larger wrong share in its worst hogel must not pass; below it, both verdicts
+are accepted. Brute force counts only displacements of at least a pixel, and colors that differ by
+at least a tenth of white.
+"""
 
 MUST_EXPLAIN = 0.9
-"""Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is
-wrong").
-"""
+"""Share of the wrong pixels that a printed reason must explain."""
 
 Sizes = dict[str, float | str]
 
@@ -60,13 +59,11 @@ SIZES: dict[str, Sizes] = {
     "stale": {"stale-hogel": "hogel 1,1 shows 0,1's image"},
     "exchanged": {"hogels-exchanged": "hogel 1,0 shows 2,0's image; hogel 2,0 shows 1,0's image"},
 }
-"""Sizes of mistakes, or words about them, by renderer and fault, where they are the same in all
-scenes.
-"""
+"""Sizes of mistakes, or words about them, by renderer and fault, if equal in all scenes."""
 
 
 def sizes_of(toy: str, world: World) -> Sizes:
-    """Return the sizes of a renderer's defects that triangle numbers must give."""
+    """Return the sizes of a renderer's defects that `verify` must give for triangle numbers."""
     (width, height), (columns, rows) = world.size, world.hogels
     of_world: dict[str, Sizes] = {
         "corners": {
@@ -94,17 +91,17 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One printed reason."""
+    """A printed reason."""
 
     name: str
-    explains: float | None  # Share of explained wrong pixels; None if not stated
+    explains: float | None  # share of explained wrong pixels; None if not printed
     alternatives: tuple[str, ...]
     value: float | str
     interval: tuple[float | None, float | None]
     words: str
 
     def tells(self, size: float | str) -> bool:
-        """True if the finding has a size: within a fiftieth and its interval, or as a word."""
+        """True if the finding has a size: within 2 % and in its interval, or as a word."""
         if isinstance(size, str):
             return size == self.value or size in self.words
         low, high = (size if end is None else end for end in self.interval)
@@ -118,45 +115,45 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The outcome of `verify` for one case, and the counts of the brute force."""
+    """Outcome of `verify` for a case, and the counts by brute force."""
 
     case: Case
     truth: Difference
     verdict: str
     findings: tuple[Finding, ...]
-    rejected: tuple[str, ...]  # Names of defects that do not explain the images by `verify`
-    admits: bool  # True if no known defect explains the images by `verify`
-    wrong: int  # Number of pixels that `verify` counts as wrong in the images as found
-    residual: int  # Number of wrong pixels after correction, except those that rounding explains
-    displacement: float | None  # Largest 99th percentile of displacement of a hogel by `verify`, px
+    rejected: tuple[str, ...]  # names of defects that, by `verify`, do not explain the images
+    admits: bool  # whether, by `verify`, no known defect explains the images
+    wrong: int  # number of wrong pixels in the images as found, by `verify`
+    residual: int  # number of wrong pixels after correction, except pixels that rounding explains
+    displacement: float | None  # hogels' largest 99th percentile of displacement by `verify`, px
     left: (
-        float  # Share of wrong pixels in the worst hogel after correction, except those by rounding
+        float  # share of wrong pixels in the worst hogel after correction, except those by rounding
     )
 
     @property
     def names(self) -> frozenset[str]:
-        """All faults that were named, alternatives included."""
+        """Names of all faults in the findings, with alternatives."""
         return frozenset(
             name for finding in self.findings for name in (finding.name, *finding.alternatives)
         )
 
     @property
     def explained(self) -> float | None:
-        """Share of the wrong pixels that correction removes; None if nothing is wrong."""
+        """Share of the wrong pixels that correction removes; None if no pixel is wrong."""
         return 1 - self.residual / self.wrong if self.wrong else None
 
     def named(self, names: Iterable[str]) -> bool:
-        """True if one of the names is there, or one that refines it: `pitch-x` refines `pitch`."""
+        """True if findings have one of the names, or a refined one: `pitch-x` refines `pitch`."""
         return matches(self.names, names)
 
     @property
     def all_named(self) -> bool:
-        """True if each mistake has a name."""
+        """True if each mistake is named."""
         return all(self.named(cause) for cause in TOYS[self.case.toy].causes(self.case.encoding))
 
     @property
     def wrong_sizes(self) -> tuple[str, ...]:
-        """Names of findings with another size than the renderer's mistake has."""
+        """Names of findings whose size is not the size of the renderer's mistake."""
         sizes = sizes_of(self.case.toy, world_of(self.case.scene))
         return tuple(
             finding.name
@@ -170,19 +167,17 @@ class Outcome:
 
     @property
     def false_explanation(self) -> bool:
-        """True if a cause is named, and images corrected for it exceed the limit."""
+        """True if a cause is named although the corrected images exceed the limit."""
         return bool(self.findings) and self.left > LIMIT
 
     @property
     def whole(self) -> bool:
-        """True if correction must mend all: a cause without a name leaves wrong pixels."""
+        """True if correction must remove all errors: an unnamed cause leaves wrong pixels."""
         return TOYS[self.case.toy].group == "classic" or self.all_named
 
     @property
     def false_causes(self) -> tuple[str, ...]:
-        """Names of findings that explain too little, or that are not the truth, where all of it is
-        known.
-        """
+        """Names of findings that explain too little or, if all true causes are known, are false."""
         true = TOYS[self.case.toy].names(self.case.encoding)
         mends = not self.whole or self.residual <= (1 - MUST_EXPLAIN) * self.wrong
         known = TOYS[self.case.toy].group != "classic"
@@ -196,7 +191,7 @@ class Outcome:
 
 
 def matches(shown: Iterable[str], names: Iterable[str]) -> bool:
-    """Return whether one of the names is there, or one that refines it."""
+    """Return whether one of the names, or a refined name, is present."""
     names = tuple(names)
     return any(entry == name or entry.startswith(f"{name}-") for entry in shown for name in names)
 
@@ -211,13 +206,13 @@ SCENES = {
 
 @cache
 def world_of(scene: str) -> World:
-    """Return a scene; each is made once."""
+    """Return a scene, which is made only once."""
     return SCENES[scene]()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Studio:
-    """A folder in which pictures are drawn, written and verified, each once."""
+    """Folder in which each case is drawn, written and verified once."""
 
     folder: Path
     done: dict[Case, Outcome] = field(default_factory=dict)
@@ -227,7 +222,7 @@ class Studio:
         return path if path.exists() else world_of(scene).write(path.parent)
 
     def pictures(self, case: Case) -> tuple[str, dict[tuple[int, int], Picture]]:
-        """Write a renderer's pictures; return the pattern of their names, and the pictures."""
+        """Write a renderer's pictures; return the pattern of their paths, and the pictures."""
         world = world_of(case.scene)
         folder = self.folder / str(case)
         folder.mkdir(exist_ok=True)
@@ -248,7 +243,7 @@ class Studio:
 
 
 def read(case: Case, truth: Difference, shown: Mapping[str, Any]) -> Outcome:
-    """Read the JSON object of `verify`."""
+    """Return the outcome from the JSON object of `verify`."""
     findings = tuple(
         Finding(
             name=entry["fault"],
@@ -284,21 +279,22 @@ def _left(numbers: Mapping[str, Any]) -> float:
     """Return the share of wrong pixels that rounding leaves unexplained in a corrected hogel."""
     surface, radiance, causes = numbers["surface"], numbers["radiance"], numbers["causes"]
     wrong = numbers["wrong"] if surface is None else surface["wrong"]
-    # A wrong surface is another triangle, too: by rounding at most as many as triangles are.
+    # A wrong surface also counts as a wrong triangle: rounding explains at most all wrong
+    # triangles.
     rounded = 0 if causes is None else numbers["wrong"] - causes["unexplained"]
     wrong = max(0, wrong - rounded) + (radiance["wrong"] if radiance else 0)
     return wrong / numbers["shown"] if wrong > 1 else 0.0
 
 
 def _names(entries: Sequence[Any]) -> list[str]:
-    """Return the names of faults in a list of names, or of objects with a name."""
+    """Return the names of faults from a list of names or of objects with a name."""
     return [entry if isinstance(entry, str) else entry["fault"] for entry in entries]
 
 
 def cases(
     scenes: Sequence[str] = tuple(SCENES), toys: Sequence[Toy] = tuple(TOYS.values())
 ) -> list[Case]:
-    """Return all sensible cases: a toy for one scene with that scene, all others with two."""
+    """Return all cases: a renderer for one scene with this scene, all others with two scenes."""
     return [
         Case(scene=scene, toy=toy.name, encoding=encoding)
         for scene in scenes
@@ -315,9 +311,10 @@ HEADER = (
 
 
 def row(outcome: Outcome) -> str:
-    """Return a line of the table.
+    """Return a row of the table.
 
-    `truly wrong` is our own count in the worst hogel, `taken away` the share that correction mends.
+    `truly wrong` is the count by brute force in the worst hogel; `taken away` is the share of wrong
+    pixels that correction removes.
     """
     case = outcome.case
     result = ", ".join(
@@ -356,7 +353,7 @@ def table(outcomes: Iterable[Outcome]) -> str:
 
 
 def tally(outcomes: Sequence[Outcome]) -> str:
-    """Return how many were named, and the false passes and false causes."""
+    """Return the numbers of named causes, false passes and false causes as text."""
     known = [o for o in outcomes if o.truth.different and TOYS[o.case.toy].causes(o.case.encoding)]
     silent = [str(o.case) for o in known if not o.all_named]
     passes = [str(o.case) for o in outcomes if o.false_pass]

@@ -1,7 +1,6 @@
-"""The right renderer, from CONVENTIONS.md: each whole line against every triangle; the viewer's
-first wins.
+"""The right renderer, from CONVENTIONS.md: the first triangle, from the viewer, on each line wins.
 
-Mistakes of geometry are settings here; by default everything is right.
+Mistakes of geometry are settings; the defaults are right.
 """
 
 from dataclasses import dataclass, replace
@@ -12,58 +11,55 @@ from numpy.typing import NDArray
 from tests.wrong_renderers.worlds import Floats, Ints, World
 
 Picture = NDArray[np.uint8]
-# Number of pixels cast together: their products with all triangles fit the processor's cache
+# Number of pixels cast together: their products with all triangles fit into the processor's cache
 BLOCK = 24
 
 
-FRONT = 1e6  # Offset of ranks, mm: more than any reach, so that one half comes before the other
+FRONT = 1e6  # offset of ranks, mm: more than any reach, so that one half precedes the other
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mistakes:
-    """The deviations of a renderer from the right one; by default there are none."""
+    """Deviations of a renderer from the right one; the defaults are right."""
 
-    move: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Translation of the scene, mm
-    scale: float = 1.0  # Factor of the scene about the plate's center, while the plate stays
-    any_reach: bool = False  # True if surfaces out of reach are drawn too
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0)  # translation of the scene, mm
+    scale: float = 1.0  # factor of the scene about the plate's center; the plate stays
+    any_reach: bool = False  # whether surfaces out of reach are drawn
     reach: tuple[float, float] = (
         1.0,
         1.0,
-    )  # Factors of the reach toward the viewer and behind the plate
+    )  # factors of the reach toward the viewer and behind the plate
     aperture: tuple[float, float] = (
         0.0,
         0.0,
-    )  # Offset of each aperture to the right and up, in hogels
-    plate: tuple[float, float] = (1.0, 1.0)  # Factors of the distances between apertures
-    film: tuple[float, float] = (1.0, 1.0)  # Factors of the film's extent
+    )  # offset of each aperture to the right and up, in hogels
+    plate: tuple[float, float] = (1.0, 1.0)  # factors of the distances between apertures
+    film: tuple[float, float] = (1.0, 1.0)  # factors of the film's extent
     angles: str = (
-        ""  # Axes whose pixels have equal angles: `x`, `y`, `xy`; `radial` for a fisheye lens
+        ""  # axes whose pixels have equal angles: `x`, `y`, `xy`; `radial` for a fisheye lens
     )
     distortion: float = (
-        0.0  # Share by which the film's corners lie farther out: above 0 barrel, below pincushion
+        0.0  # outward shift of the film's corners as a share: > 0 barrel, < 0 pincushion
     )
     sample: tuple[float, float] = (
         0.0,
         0.0,
-    )  # Offset of a pixel's sampling point to the right and down, px
-    near: float = 0.0  # Distance by which both cameras step back, mm
-    screen_height: float = 1.0  # Factor of the projection screen's height; its size stays
-    screen_center: tuple[float, float] = (0.0, 0.0)  # Offset of the projection screen's center, mm
-    shear: tuple[float, float] = (1.0, 1.0)  # Factors of the shears of C and of C*
+    )  # offset of a pixel's sampling point to the right and down, px
+    near: float = 0.0  # distance by which both cameras step back, mm
+    screen_height: float = 1.0  # factor of the projection screen's height; its size stays
+    screen_center: tuple[float, float] = (0.0, 0.0)  # offset of the projection screen's center, mm
+    shear: tuple[float, float] = (1.0, 1.0)  # factors of the shears of C and C*
     only: int | None = None
-    """Camera that alone has the film, sampling points and near of these mistakes: 0 is C, 1 is C*.
-    """
-    winner: str = "first"  # Rule for the surface that wins; `rank` has the names
-    depth_bits: int = 0  # Bits of the depth buffer, standard mapping; 0 for exact depths
+    """Only camera with this film, sampling point and near offset: 0 is C, 1 is C*; None: both."""
+    winner: str = "first"  # rule for the surface that wins, a name in `rank`
+    depth_bits: int = 0  # bits of the depth buffer with standard mapping; 0 for exact depths
     cull: int = 0
-    """Winding that is left out: 1 for triangles seen counterclockwise, -1 for the others, 0 for
-    none.
-    """
+    """Culled winding: 1 for triangles seen counterclockwise, -1 for the others, 0 for none."""
     light: str = "right"
     """Light: `right`, `not conjugated` (on C*'s wrong side) or `head` (from the viewer, without
     ambient).
     """
-    normals: str = "right"  # Normals: `right`, `flat` (the triangles' own) or `inverted`
+    normals: str = "right"  # normals: `right`, `flat` (of triangles) or `inverted`
 
 
 RIGHT = Mistakes()
@@ -71,26 +67,26 @@ RIGHT = Mistakes()
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Every meeting of a line and a triangle, unordered."""
+    """All intersections of lines and triangles, unordered."""
 
     pixel: Ints
     triangle: Ints
-    s: Floats  # (M,) s of each meeting, from the line's center; negative on the viewer's side
-    weights: Floats  # (M, 3) barycentric coordinates of each meeting
+    s: Floats  # (M,) s of each intersection, from the line's center; negative on the viewer's side
+    weights: Floats  # (M, 3) barycentric coordinates of each intersection
 
     @property
     def fields(self) -> tuple[Ints, Ints, Floats, Floats]:
         return self.pixel, self.triangle, self.s, self.weights
 
     def of(self, keep: NDArray[np.bool_] | Ints, further: float = 0.0) -> "Hits":
-        """Return some of the meetings, with s from a center that lies `further` back."""
+        """Return some of the intersections, with s from a center that lies `further` back."""
         return Hits(
             self.pixel[keep], self.triangle[keep], self.s[keep] + further, self.weights[keep]
         )
 
 
 def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
-    """Meet lines through one center, (N, 3) directions, with (T, 3, 3) triangles."""
+    """Intersect lines through one center, directions (N, 3), with triangles (T, 3, 3)."""
     a, b, c = np.moveaxis(triangles - center, 1, 0)
     sides = [np.cross(b, c).T, np.cross(c, a).T, np.cross(a, b).T]
     volume = np.einsum("ti,it->t", a, sides[0])
@@ -112,11 +108,10 @@ def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
 def lines(
     world: World, i: int, j: int, wrong: Mistakes = RIGHT, camera: int = 0
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by
-    CONVENTIONS.md.
+    """Return an aperture, the directions (H * W, 3) of its lines, and its shear.
 
-    The lines belong to C (camera 0) or C* (camera 1), which are the same where nothing is
-    wrong.
+    CONVENTIONS.md defines the lines. They belong to C (camera 0) or C* (camera 1), which are equal
+    without mistakes.
     """
     (columns, rows), (width, height) = world.hogels, world.resolution
     sx, sy = world.size
@@ -146,7 +141,7 @@ def lines(
 
 
 def slopes(u: Floats, v: Floats, t: Floats, wrong: Mistakes) -> tuple[Floats, Floats]:
-    """Return the slopes of the lines against the film's middle, through the renderer's lens."""
+    """Return the slopes of lines relative to the film's middle, through the renderer's lens."""
     across, up = u * t[0], v * t[1]
     if "x" in wrong.angles:
         across = np.tan(u * np.arctan(t[0]))
@@ -161,17 +156,13 @@ def slopes(u: Floats, v: Floats, t: Floats, wrong: Mistakes) -> tuple[Floats, Fl
 
 
 def of_camera(wrong: Mistakes, camera: int) -> Mistakes:
-    """Return the mistakes of one camera: the film, the sampling points and near are right in the
-    other.
-    """
+    """Return the mistakes of one camera; the other has the right film, sampling points and near."""
     right = wrong.only not in (None, camera)
     return replace(wrong, film=(1.0, 1.0), sample=(0.0, 0.0), near=0.0) if right else wrong
 
 
 def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hits, Floats]:
-    """Return all meetings of the two cameras' lines within their halves, and these lines'
-    directions.
-    """
+    """Return the intersections of both cameras' lines in their halves, and the directions."""
     center, directions, shear = lines(world, i, j, wrong)
     _, directions_star, shear_star = lines(world, i, j, wrong, 1)
     triangles = world.triangles[world.seen] * wrong.scale + wrong.move
@@ -200,7 +191,7 @@ def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hit
 
 
 def rank(s: Floats, winner: str) -> Floats:
-    """Return a rank that is smallest for the surface that wins, infinite for those not drawn."""
+    """Return ranks, smallest for the winning surface, infinite for surfaces that are not drawn."""
     front = s < 0
     return {
         "first": s,
@@ -213,9 +204,7 @@ def rank(s: Floats, winner: str) -> Floats:
 
 
 def coarse(s: Floats, world: World, wrong: Mistakes) -> Floats:
-    """Return the stored depth of each s, signed as s; equal ones go to the triangle drawn
-    first.
-    """
+    """Return the stored depth of each s, with the sign of s; the first triangle wins a tie."""
     w = np.abs(s) + wrong.near
     far = wrong.near + np.where(s < 0, *world.reach)
     stored = np.round((2**wrong.depth_bits - 1) * far * (w - wrong.near) / (w * (far - wrong.near)))
@@ -231,7 +220,7 @@ class Drawing:
 
 
 def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Drawing:
-    """Draw one hogel, once."""
+    """Return the drawing of one hogel, which is made only once."""
     key = (i, j, wrong)
     if key not in world.drawn:
         world.drawn[key] = _draw(world, i, j, wrong)
@@ -241,9 +230,7 @@ def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Drawing:
 
 
 def met(world: World, i: int, j: int) -> Ints:
-    """Return pixel * (number of triangles + 1) + triangle, sorted, of all meetings of the right
-    lines.
-    """
+    """Return pixel * (number of triangles + 1) + triangle, sorted, for all true intersections."""
     key = ("met", i, j)
     if key not in world.drawn:
         hits, _ = all_hits(world, i, j)
@@ -269,7 +256,7 @@ def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Drawing:
 
 
 def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floats:
-    """Return radiance by Phong, with the normal turned to the side of the triangle that is seen."""
+    """Return radiance by Phong, with normals turned to the visible side of the triangle."""
     eye = -directions / np.linalg.norm(directions, axis=1, keepdims=True)
     a, b, c = np.moveaxis(world.triangles[hits.triangle], 1, 0)
     flat = np.cross(b - a, c - a)
@@ -299,7 +286,7 @@ def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floa
 
 
 def numbers(world: World, shown: Drawing, encoding: str) -> Ints:
-    """Return ids: the triangle's or the object's number + 1, 0 for none."""
+    """Return ids: the number of the triangle or the object + 1, 0 for none."""
     if encoding == "triangle-id":
         return shown.triangle + 1
     return np.where(shown.triangle < 0, 0, world.object_of[shown.triangle] + 1)
@@ -316,18 +303,18 @@ def eight_bits(radiance: Floats) -> Picture:
 
 
 def srgb(linear: Floats) -> Floats:
-    """Return linear values of 0 to 1 as sRGB has them."""
+    """Encode linear values of 0 to 1 as sRGB."""
     x = np.clip(linear, 0, 1)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
 def linear(encoded: Floats) -> Floats:
-    """Return the linear values that sRGB stands for."""
+    """Decode sRGB to linear values."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def picture(world: World, i: int, j: int, encoding: str, wrong: Mistakes = RIGHT) -> Picture:
-    """Draw a hogel as a picture of one encoding."""
+    """Draw a hogel as a picture in an encoding."""
     shown = draw(world, i, j, wrong)
     if encoding == "rgb":
         return eight_bits(shown.radiance)
@@ -343,6 +330,6 @@ def rewound(world: World) -> World:
 
 
 def resized(world: World, factor: float) -> World:
-    """Return the scene on films larger or smaller by a factor."""
+    """Return the scene with the film's resolution scaled by a factor."""
     width, height = world.resolution
     return replace(world, resolution=(round(width * factor), round(height * factor)), drawn={})

@@ -1,9 +1,8 @@
-"""The wrong renderers: given a scene, an aperture and an encoding, each returns the picture it
-would write.
+"""Wrong renderers: functions that draw a picture of a scene, from an aperture, in an encoding.
 
-`expected` has, by encoding, the mistakes, each with the names of faults of which one must be found,
-or be among the alternatives; an encoding without names demands only that nothing false is named, as
-in docs/verify.md. The classic renderers are here; `new_toys` adds the others.
+`expected` lists the mistakes by encoding. A mistake has the names of faults of which one must be
+found or be among the alternatives. If an encoding has no names, it is only required that no false
+cause is named, as in docs/verify.md. The classic renderers are here; `new_toys` adds the others.
 """
 
 import io
@@ -30,17 +29,15 @@ class Toy:
     """A renderer, and the names that `verify` must give."""
 
     name: str
-    words: str  # Description of the mistake in words
+    words: str  # description of the mistake in words
     draw: Draw
     encodings: tuple[str, ...] = ENCODINGS
     expected: Mapping[str, tuple[frozenset[str], ...]] = field(default_factory=dict)
-    scene: str | None = (
-        None  # Name of the only scene for the renderer; None for `harbor` and `attic`
-    )
-    group: str = "classic"  # One of `GROUPS`
+    scene: str | None = None  # name of the renderer's only scene; None for `harbor` and `attic`
+    group: str = "classic"  # one of `GROUPS`
 
     def causes(self, encoding: str) -> tuple[frozenset[str], ...]:
-        """Return the names of each mistake; `verify` must give one of each."""
+        """Return the names of each mistake; `verify` must give one name of each."""
         return self.expected.get(encoding, ())
 
     def names(self, encoding: str) -> frozenset[str]:
@@ -55,9 +52,10 @@ TWINS = {
     ("harbor", "tenth"): ("scene-scale", "pitch"),
     ("harbor", "tenfold"): ("scene-scale", "pitch"),
 }
-"""Two causes of identical pictures. With a centered frustum an image depends only on (P - a) / s.
-Moving all apertures equals moving the scene in the opposite direction, and enlarging the scene g
-times equals shrinking the plate g times."""
+"""Pairs of causes with identical pictures. With a centered frustum an image depends only on (P - a)
+/ s. Moving all apertures equals moving the scene in the opposite direction, and enlarging the scene
+g times equals shrinking the plate g times.
+"""
 
 
 TOYS: dict[str, Toy] = {}
@@ -71,7 +69,7 @@ def add(
     encodings: tuple[str, ...] = ENCODINGS,
     scene: str | None = None,
 ) -> None:
-    """Add a toy; `expected` are names between blanks, by encoding or for triangle numbers alone."""
+    """Add a toy; `expected` has names between blanks, by encoding or for triangle numbers alone."""
     if isinstance(draw, Mistakes):
         mistakes = draw
 
@@ -86,16 +84,14 @@ def add(
 
 
 def changed(change: Callable[[Picture], Picture]) -> Draw:
-    """Return a renderer whose right picture is changed afterwards."""
+    """Return a renderer that changes the right picture afterwards."""
     return lambda world, i, j, encoding: np.ascontiguousarray(
         change(picture(world, i, j, encoding))
     )
 
 
 def renumbered(change: Callable[[World, Ints], Ints]) -> Draw:
-    """Return a renderer whose ids, the triangle's or the object's number + 1, are changed before
-    packing.
-    """
+    """Return a renderer that changes ids, the number of triangle or object + 1, before packing."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         claims = ray_caster.numbers(world, ray_caster.draw(world, i, j), encoding)
@@ -105,7 +101,7 @@ def renumbered(change: Callable[[World, Ints], Ints]) -> Draw:
 
 
 def other_order(world: World, i: int, j: int, encoding: str) -> Picture:
-    """The objects are numbered from the last to the first, and so are the triangles' blocks."""
+    """Number the objects, and hence their blocks of triangles, from last to first."""
     shown = ray_caster.draw(world, i, j)
     of = world.object_of[shown.triangle]
     count = np.bincount(world.object_of)
@@ -118,20 +114,20 @@ def other_order(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def gray(world: World, i: int, j: int, encoding: str) -> Picture:
-    """A shaded picture without colors."""
+    """Convert a shaded picture to gray."""
     mean = picture(world, i, j, RGB).mean(axis=2, keepdims=True)
     return np.asarray(np.repeat(mean, 3, axis=2).round(), dtype=np.uint8)
 
 
 def jpeg(right: Picture) -> Picture:
-    """The picture goes through a lossy file."""
+    """Store the picture in a lossy file."""
     file = io.BytesIO()
     Image.fromarray(right).save(file, "JPEG", quality=90)
     return np.asarray(Image.open(file))
 
 
 def scaled_up(how: Image.Resampling) -> Draw:
-    """The picture is drawn at half the size and enlarged."""
+    """Draw the picture at half its size, and enlarge it."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         small = drawn_with(world, "small", lambda of: ray_caster.resized(of, 0.5))
@@ -150,7 +146,7 @@ def drawn_with(world: World, name: str, make: Callable[[World], World]) -> World
 
 
 def antialiased(world: World, i: int, j: int, encoding: str) -> Picture:
-    """The mean of two by two pixels of a picture twice as large."""
+    """Average two by two pixels of a picture twice as large."""
     large = picture(
         drawn_with(world, "large", lambda of: ray_caster.resized(of, 2.0)), i, j, encoding
     ).astype(float)
@@ -159,18 +155,18 @@ def antialiased(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def elsewhere(place: Callable[[World, int, int], tuple[int, int]]) -> Draw:
-    """The right picture of another aperture."""
+    """Return a renderer that draws the right picture of another aperture."""
     return lambda world, i, j, encoding: picture(world, *place(world, i, j), encoding)
 
 
 def square_film(world: World, i: int, j: int, encoding: str) -> Picture:
-    """The horizontal extent is taken for the vertical one too."""
+    """Use the film's horizontal extent for the vertical extent."""
     extent = np.tan(np.radians(world.fov_deg) / 2) if world.screen is None else world.screen[3:]
     return picture(world, i, j, encoding, Mistakes(film=(1.0, float(extent[0] / extent[1]))))
 
 
 def half_angle(world: World, i: int, j: int, encoding: str) -> Picture:
-    """The full angle, or width, is taken for half of it."""
+    """Use the full angle, or width, in place of its half."""
     film = (2.0, 2.0)
     if world.screen is None:
         angles = np.radians(world.fov_deg)
@@ -179,7 +175,7 @@ def half_angle(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def outer_edges(world: World, i: int, j: int, encoding: str) -> Picture:
-    """The outermost apertures lie on the plate's edges."""
+    """Place the outermost apertures on the plate's edges."""
     plate = (world.hogels[0] / (world.hogels[0] - 1), world.hogels[1] / (world.hogels[1] - 1))
     return picture(world, i, j, encoding, Mistakes(plate=plate))
 
@@ -190,7 +186,7 @@ def gamma(right: Picture) -> Picture:
 
 
 def noisy(world: World, i: int, j: int, encoding: str) -> Picture:
-    """Colors are grainy; a third of the numbers are random."""
+    """Add noise to colors; replace a third of the numbers by random numbers."""
     right, chance = picture(world, i, j, encoding), np.random.default_rng(97 * i + j)
     if encoding == RGB:
         return np.clip(right + chance.normal(0, 25, right.shape), 0, 255).astype(np.uint8)
@@ -361,15 +357,15 @@ add(
     "scene-offset",
 )
 add("tenth", "millimeters taken for centimeters: a tenth", Mistakes(scale=0.1), "scene-scale")
-# There is no reach, a second fault without a name; where a smaller plate looks the same, that
-# explains.
+# Without a reach there is a second, unnamed fault. If a smaller plate looks the same, it is an
+# explanation.
 add(
     "tenfold",
     "ten times as large, without a reach",
     Mistakes(scale=10.0, any_reach=True),
     "scene-scale does-not-explain",
 )
-# In the harbor no hogel sees any of it: black pictures show nothing.
+# In the harbor, this scene is invisible from all hogels: black pictures show nothing.
 add("inches", "a 25.4th", Mistakes(scale=1 / 25.4), "scene-scale", scene="attic")
 
 # Halves.
@@ -398,7 +394,7 @@ add("fov", "the film is 5 % too wide and high", Mistakes(film=(1.05, 1.05)), "fo
 add("half-angle", "the full field of view is taken for half of it", half_angle, "fov-x fov-y")
 add("square-film", "the horizontal field of view for the vertical one", square_film, "fov-y")
 
-# One camera alone, the other is right.
+# One camera is wrong, the other right.
 for _camera, _half, _which in ((0, "back", "C"), (1, "front", "C*")):
     for _name, _words, _one in (
         ("near-offset", "steps back by 1", Mistakes(near=1.0)),
@@ -408,11 +404,12 @@ for _camera, _half, _which in ((0, "back", "C"), (1, "front", "C*")):
         ("unturned", "is turned by 180 degrees", Mistakes(film=(-1.0, -1.0))),
     ):
         _expected = f"{_half}-{_name}"
-        # Pictures without triangles show which half is mirrored, but not small numbers of one half.
+        # Pictures without triangle numbers show which half is mirrored, but not small errors of a
+        # half.
         _names = alike(_expected) if _name in ("mirrored", "unturned") else _expected
         add(_expected, f"{_which} alone {_words}", replace(_one, only=_camera), _names)
 
-# The projection screen, which only a recentered frustum has.
+# The projection screen of a recentered frustum
 SCREEN_MISTAKES = {
     "screen-height": ("the projection screen is 1.25 times as high", Mistakes(screen_height=1.25)),
     "screen-center": (
@@ -422,7 +419,7 @@ SCREEN_MISTAKES = {
     "not-recentered": ("no camera is sheared", Mistakes(shear=(0.0, 0.0))),
     "shear-sign": ("C* is sheared the way of C", Mistakes(shear=(1.0, -1.0))),
 }
-"""Words and mistakes by the name of the defect, also the renderer's."""
+"""Words and mistakes by the name of the defect, which is also the renderer's name."""
 for _fault, (_words, _mistakes) in SCREEN_MISTAKES.items():
     add(_fault, _words, _mistakes, _fault, scene="attic")
     _both = f"{_words}; both cameras step back by 2"

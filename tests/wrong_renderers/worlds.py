@@ -1,4 +1,4 @@
-"""Scenes of their own: without symmetry, on both sides of the plate, one surface through it."""
+"""Scenes without symmetry, on both sides of the plate, with one surface through the plate."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 class Part:
     """One object: its triangles and its material (linear RGB, Phong).
 
-    No line shows `hidden` objects; the ray caster skips them but counts their triangles.
+    `hidden` objects are invisible: the ray caster skips them, but numbers their triangles.
     """
 
     name: str
@@ -27,13 +27,11 @@ class Part:
     specular: float = 0.2
     exponent: float = 8.0
     hidden: bool = False
-    smooth: bool = False  # True if normals at corners are the vertices', and not the triangle's
+    smooth: bool = False  # whether normals belong to vertices; else to triangles
 
     @cached_property
     def normals(self) -> Floats:
-        """(F, 3, 3), unit normals at the corners: the faces' mean, weighted by angle, of each
-        position.
-        """
+        """(F, 3, 3) unit normals at corners: means of adjoining faces, weighted by angle."""
         corners = self.corners[self.faces]
         edges = np.roll(corners, -1, axis=1) - corners
         edges /= np.linalg.norm(edges, axis=2, keepdims=True)
@@ -52,9 +50,7 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
-    """A scene as CONVENTIONS.md describes it; a centered frustum has `fov_deg`, a recentered one
-    `screen`.
-    """
+    """A scene as in CONVENTIONS.md: centered frusta have `fov_deg`, recentered frusta `screen`."""
 
     name: str
     size: tuple[float, float]
@@ -66,13 +62,11 @@ class World:
     fov_deg: tuple[float, float] = (0.0, 0.0)
     screen: tuple[float, float, float, float, float] | None = None
     """Screen: height, center x and y, full width and height."""
-    drawn: dict[object, object] = field(
-        default_factory=dict
-    )  # Pictures that the toys have drawn already
+    drawn: dict[object, object] = field(default_factory=dict)  # pictures that are already drawn
 
     @cached_property
     def triangles(self) -> Floats:
-        """(T, 3, 3), in the order of their numbers."""
+        """(T, 3, 3) triangles in the order of their numbers."""
         return np.concatenate([part.corners[part.faces] for part in self.parts])
 
     @cached_property
@@ -87,7 +81,7 @@ class World:
 
     @cached_property
     def seen(self) -> Ints:
-        """Numbers of the triangles that are not in hidden parts."""
+        """Numbers of the triangles of visible objects."""
         return np.flatnonzero(~np.array([part.hidden for part in self.parts])[self.object_of])
 
     @property
@@ -97,7 +91,7 @@ class World:
         return [(i, j) for j in range(rows) for i in range(columns)]
 
     def write(self, folder: Path) -> Path:
-        """Write the scene file and a mesh file for each object; return the scene file."""
+        """Write the scene file, and a mesh file for each object; return the scene file's path."""
         folder.mkdir(parents=True, exist_ok=True)
         for part in self.parts:
             lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in part.corners.tolist()]
@@ -134,9 +128,7 @@ class World:
 def sheet(
     columns: int, rows: int, point: Callable[[Floats, Floats], tuple[Floats, ...]]
 ) -> tuple[Floats, Ints]:
-    """Return a grid of corners over the unit square, placed by `point`, and two triangles for each
-    cell.
-    """
+    """Return corners of a grid over the unit square, placed by `point`, and its triangles."""
     p, q = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="ij")
     corners = np.stack([np.broadcast_to(part, p.shape) for part in point(p, q)], axis=-1).reshape(
         -1, 3
@@ -157,7 +149,7 @@ def sheet(
 def pebble(
     center: tuple[float, float, float], radii: tuple[float, float, float], bumps: int
 ) -> tuple[Floats, Ints]:
-    """A closed, bumpy ellipsoid with poles along a slanted axis, without symmetry."""
+    """Return a closed, bumpy ellipsoid with poles along a slanted axis, without symmetry."""
 
     def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
         around, along = 2 * np.pi * p, np.pi * (0.02 + 0.96 * q)
@@ -175,9 +167,7 @@ def pebble(
 def ribbon(
     start: tuple[float, float, float], end: tuple[float, float, float], width: float
 ) -> tuple[Floats, Ints]:
-    """A twisted band from one point to another; from before the plate to behind it, it passes
-    through it.
-    """
+    """Return a twisted band from a point before the plate to a point behind it."""
 
     def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
         angle, across = 0.5 + 1.3 * p, width * (q - 0.45)
@@ -188,7 +178,7 @@ def ribbon(
 
 
 def hills(corner: tuple[float, float, float], width: float, height: float) -> tuple[Floats, Ints]:
-    """An uneven backdrop."""
+    """Return an uneven backdrop."""
 
     def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
         rise = 2.5 * np.sin(5 * p + 3 * q) + 1.5 * np.cos(9 * q * p)
@@ -204,7 +194,7 @@ def _part(
 
 
 def harbor() -> World:
-    """A centered frustum, films wider than high; 968 triangles in four objects."""
+    """Return a scene with a centered frustum, wide films, and 968 triangles in four objects."""
     return World(
         name="harbor",
         size=(21.0, 13.0),
@@ -223,7 +213,7 @@ def harbor() -> World:
 
 
 def cove() -> World:
-    """The harbor with smooth normals."""
+    """Return the harbor with smooth normals."""
     world = harbor()
     return replace(
         world, name="cove", parts=tuple(replace(part, smooth=True) for part in world.parts)
@@ -231,7 +221,7 @@ def cove() -> World:
 
 
 def attic() -> World:
-    """A recentered frustum, square films; 752 triangles in three objects before nothing."""
+    """Return a scene with a recentered frustum, square films, 752 triangles in three objects."""
     return World(
         name="attic",
         size=(18.0, 21.0),
@@ -249,9 +239,7 @@ def attic() -> World:
 
 
 def crowd() -> World:
-    """The attic, numbered after 65,884 triangles of a wall that no line shows: numbers need 17
-    bits.
-    """
+    """Return the attic, numbered after 65,884 hidden triangles: numbers need 17 bits."""
     attic_ = attic()
     wall = sheet(181, 182, lambda p, q: (400.0 + 20 * p, -10.0 + 20 * q, np.full_like(p, -20.0)))
     return World(

@@ -134,7 +134,7 @@ def verify(studio: Studio, capsys: pytest.CaptureFixture[str]) -> Verify:
     return run
 
 
-def test_text_and_json_name_the_same(verify: Verify) -> None:
+def test_text_and_json_have_the_same_names(verify: Verify) -> None:
     case = Case(scene="attic", toy="blue-red", encoding="triangle-id")
     (status, written), (_, text) = verify(case, "--json"), verify(case)
     shown = json.loads(written)["diagnosis"]
