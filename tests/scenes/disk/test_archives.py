@@ -1,4 +1,4 @@
-"""Recordings, archives and scene files of strangers: one line, no more memory than allowed."""
+"""Recordings, archives and scene files of strangers: one-line errors within the memory limit."""
 
 import os
 import tracemalloc
@@ -40,7 +40,7 @@ def test_arrays_are_read_without_pickles_and_declare_no_more_than_allowed(tmp_pa
     np.savez(path, one=np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match="pickle"):
         read_arrays(path, *ADVICE)
-    # Some kilobytes that become 32 MiB.
+    # A few kilobytes that expand to 32 MiB
     np.savez_compressed(path, one=np.zeros(1 << 25, np.uint8))
     tracemalloc.start()
     message = r"unpacking its arrays, 32 MiB of memory.*--max-input-memory"
@@ -82,7 +82,7 @@ def test_devices_and_recordings_are_regular_files_of_bounded_size(tmp_path: Path
     "line", [".".join(["a"] * 200_000) + " = 1", "x = {" + " . ".join(["'a'"] * 200_000) + " = 1}"]
 )
 def test_keys_of_many_parts_are_refused_at_once(line: str, tmp_path: Path) -> None:
-    """Python's reader of TOML takes 8 seconds for a key of 20,000 parts."""
+    """Python's TOML reader takes 8 seconds for a key of 20,000 parts."""
     (tmp_path / "scene.toml").write_text(f"{SCENE}{line}\n")
     with pytest.raises(InputError, match="has more than 16 parts"):
         open_scene(tmp_path / "scene.toml")
@@ -100,7 +100,7 @@ def test_comments_and_texts_with_dots_are_no_long_keys(tmp_path: Path) -> None:
 def test_numbers_of_thousands_of_digits_are_refused_by_the_name_of_their_key(
     tmp_path: Path,
 ) -> None:
-    """Python reads any hexadecimal number, and writes none of more than 4,300 decimal digits."""
+    """Python reads a hexadecimal number of any length, but prints at most 4,300 decimal digits."""
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.replace("hogels = [3", f"hogels = [0x{'f' * 5000}"))
     message = r"plate.hogels\[0\]: .*not a number of thousands of digits"

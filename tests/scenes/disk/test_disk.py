@@ -1,4 +1,4 @@
-"""Files are whole or absent, though a disk is full or a process killed."""
+"""Files are complete or absent, even if a disk is full or a process is killed."""
 
 import os
 import re
@@ -31,7 +31,7 @@ def made_by_us(folder: Path) -> list[Path]:
 
 
 def left_behind(folder: Path, what: str) -> subprocess.Popen[str]:
-    """Start a process that makes something aside in a folder and waits to be killed."""
+    """Start a process that opens a temporary file or folder and waits to be killed."""
     program = f"""
 import sys, time
 from pathlib import Path
@@ -110,7 +110,7 @@ def test_a_pipe_is_written_into(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_standard_output_is_written_into_whatever_it_is(tmp_path: Path) -> None:
-    """A file that standard output goes to keeps all text, printed before and after."""
+    """A file that receives standard output keeps all text, printed before and after."""
     (tmp_path / "link").symlink_to("/dev/stdout")
     names = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link"]
     program = """
@@ -151,7 +151,7 @@ def test_what_no_file_can_be_written_into_is_refused_in_one_line(
 @pytest.mark.parametrize(
     "what", ["TempPath(Path())", "TempPath(Path(), folder=True)", "new_file(Path('x'))"]
 )
-def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(
+def test_files_of_killed_processes_go_and_files_of_living_ones_stay(
     what: str, tmp_path: Path
 ) -> None:
     processes = [left_behind(tmp_path, what) for _ in range(2)]
@@ -171,7 +171,7 @@ def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(
     assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
 
-def test_only_what_bears_our_name_is_removed(tmp_path: Path) -> None:
+def test_only_files_with_our_prefix_are_removed(tmp_path: Path) -> None:
     names = [".xfrustum-", ".xfrustum-notes.txt", "xfrustum-01234567"]
     names += [f".xfrustum-00000000-{pid}-01234567" for pid in (os.getpid(), 999_999_999)]
     for name in names:
@@ -223,7 +223,7 @@ for number, folder in enumerate(sys.argv[1:]):
     folders = [tmp_path / str(renames) for renames in range(4)]
     for folder in folders:
         folder.mkdir()
-    # One process for each number of renames; they are forked, so that Python starts once.
+    # One process for each number of renames, forked so that Python starts once
     subprocess.run([sys.executable, "-c", program, *folders], check=True)
     contents = ["".join(sorted(path.name for path in (f / "new").glob("out/*"))) for f in folders]
     assert set(contents) == {"", "xyz"}
@@ -232,7 +232,7 @@ for number, folder in enumerate(sys.argv[1:]):
 def test_nothing_has_its_name_before_it_is_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both the content and, after the renaming, the folder with the name are forced to the disk."""
+    """The content is synced first and, after the renaming, the folder that lists the name."""
     path, seen, fsync = tmp_path / "x", list[tuple[bool, bool]](), os.fsync
 
     def watched(descriptor: int) -> None:
@@ -271,7 +271,7 @@ def test_permissions_are_those_that_files_get(tmp_path: Path) -> None:
     assert modes == [0o640, 0o750]
 
 
-# A disk that is full at any byte: files are whole, or the command reports it and leaves none.
+# Full disks, at any byte: a command leaves complete files, or reports the error and leaves none.
 
 TRUTH, DRAWN = "trace scene.toml --quiet --out", "raster scene.toml --near 0.1 --out"
 COMMANDS = {
@@ -284,7 +284,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a scene, its truth, and its raster."""
+    """Return a folder with a scene, its truth, and its raster."""
     images = tmp_path_factory.mktemp("disk")
     (images / "scene.toml").write_text(SCENE)
     with pytest.MonkeyPatch.context() as patched:
@@ -297,7 +297,7 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_files_are_whole_or_absent_wherever_the_disk_is_full(
     command: str, images: Path, request: pytest.FixtureRequest
 ) -> None:
-    """OpenEXR writes the last bytes when it closes, and reports no error then."""
+    """OpenEXR writes its last bytes on closing, and then reports no error."""
     size = (images / "truth.exr").stat().st_size
     limits = [400, size - 300, size - 1] if command == "trace" else [400]
     if request.node.get_closest_marker("slow"):
@@ -309,6 +309,6 @@ def test_files_are_whole_or_absent_wherever_the_disk_is_full(
     for outcome in failed:
         assert outcome.status == 2, outcome
         assert re.fullmatch(r"xfrustum: error: [^\n]+\n", outcome.error), outcome
-        # The plate's finished hogels stay, and a folder that is complete when another file fails.
+        # A plate keeps its finished hogels, and a complete folder remains if another file fails.
         assert all(name.startswith(("x.zarr", "v")) for name in outcome.files), outcome
         assert outcome.files.items() <= whole.files.items(), outcome

@@ -1,4 +1,4 @@
-"""Damaged files, or files that no honest program sends: one line that names them, nothing else."""
+"""Damaged files and malicious files: one line that names the file, and no other message."""
 
 import io
 import json
@@ -33,7 +33,7 @@ SCENE = film(
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 TRIANGLE = CORNERS + "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 NET = "1\n2 2\n" + "".join(f"{x} {y} {x * y}\n" for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0))
-"""A file of one Bezier patch."""
+"""File of one Bezier patch."""
 
 
 @cache
@@ -55,18 +55,18 @@ def image(damage: Callable[[bytes], bytes]) -> Callable[[], bytes]:
 
 
 def renamed(name: bytes) -> Callable[[], bytes]:
-    """Return a function that makes an image with an attribute or channel name that is not UTF-8."""
+    """Return a function that makes an image with a non-UTF-8 attribute or channel name."""
     return image(lambda data: data.replace(name, b"\xff" + name[1:], 1))
 
 
 def enlarged(data: bytes) -> bytes:
-    """Let an image declare 40,000 x 40,000 pixels."""
+    """Change the size that an image declares to 40,000 x 40,000 pixels."""
     at = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     return data[:at] + struct.pack("<iiii", 0, 0, 40_000, 40_000) + data[at + 16 :]
 
 
 def reordered(data: bytes) -> bytes:
-    """Store an image's line order in two bytes, 2 and 0, instead of in one byte."""
+    """Store an image's line order in two bytes, 2 and 0, instead of one."""
     name = b"lineOrder\0lineOrder\0"
     before, after = data.split(name)
     return before + name + b"\2\0\0\0" + b"\2\0" + after[5:]
@@ -82,7 +82,7 @@ def gltf_of_gigabytes() -> str:
 
 
 def archive_of_megabytes() -> bytes:
-    """Return a small archive of a mesh that is a thousand times as large."""
+    """Return a small archive of a mesh that is a thousand times larger."""
     held = io.BytesIO()
     with (
         zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive,
@@ -160,18 +160,18 @@ DAMAGED: list[tuple[str, Content, str]] = [
         "material.m.diffuse",
     ),
 ]
-"""A file's name, which determines its reader; its content or maker; and its message."""
+"""File name, which selects the reader; content, or a function that makes it; error message."""
 
 
 def scene_of(path: Path) -> Path:
-    """Write the scene of a mesh or of an environment that lies beside it."""
+    """Write a scene file beside a mesh or an environment, which it uses."""
     table = "[environment]\nmap" if path.name.startswith("sky") else "[[object]]\nmesh"
     path.with_name("scene.toml").write_text(f'{SCENE}{table} = "{path.name}"\n')
     return path.with_name("scene.toml")
 
 
 def refusal(path: Path) -> str:
-    """Return the one line with which a file is refused."""
+    """Return the one-line error for a file."""
     with pytest.raises(InputError) as caught:
         if path.stem == "image":
             read_image(path)
@@ -184,7 +184,7 @@ def refusal(path: Path) -> str:
 @pytest.mark.parametrize(
     ("name", "content", "expected"), DAMAGED, ids=[f"{n}: {t}" for n, _, t in DAMAGED]
 )
-def test_a_damaged_file_is_one_line_that_names_it_and_no_library_says_more(
+def test_a_damaged_file_is_one_line_that_names_it_without_library_messages(
     name: str, content: Content, expected: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     made_of = content() if callable(content) else content
@@ -196,7 +196,7 @@ def test_a_damaged_file_is_one_line_that_names_it_and_no_library_says_more(
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_is_not_there_or_a_folder_is_named(tmp_path: Path) -> None:
+def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
     for read, name, message in (
         (read_image, "missing.exr", "no such image"),
         (load_mesh, "missing.obj", "no such mesh"),

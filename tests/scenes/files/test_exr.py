@@ -1,4 +1,4 @@
-"""Hogel images as OpenEXR: files return whole images or are refused; foreign files are read."""
+"""Hogel images as OpenEXR: complete round trips, one-line errors, and foreign files."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""OpenEXR files of other programs: read as our own, or refused with their channels."""
+"""OpenEXR files of other programs: read like the project's own, or refused with their channels."""
 
 from pathlib import Path
 from typing import Any
@@ -32,12 +32,12 @@ SHAPE = (HEIGHT, WIDTH)
 
 def numbers() -> NDArray[np.uint32]:
     number = np.arange(WIDTH * HEIGHT, dtype=np.uint32).reshape(SHAPE)
-    number[:2] = 0  # nothing
+    number[:2] = 0  # no surface
     return number
 
 
 def points(missing: float = np.nan) -> NDArray[np.float32]:
-    """Points whose coordinates half precision holds exactly."""
+    """Return points whose coordinates are exact in half precision."""
     position = np.random.default_rng(3).integers(1, 64, (*SHAPE, 3)).astype(np.float32) / 8
     position[:2] = missing
     return position
@@ -93,7 +93,7 @@ def test_the_number_0_is_a_background_and_numbers_that_were_never_set_hide_nothi
 
 
 def layers(prefix: str, position: str, number: str, axes: str = "XYZ") -> list[Planes]:
-    """Return the part of a renderer that writes color, normal, Cryptomatte and depth, too."""
+    """Return a renderer's part with color, normal, Cryptomatte and depth as further channels."""
     planes = vector(position, points(0.0), axes) | {number: numbers().astype(np.float32)}
     for layer, names in (("Combined", "RGBA"), ("Normal", "XYZ"), ("CryptoObject00", "RGBA")):
         planes |= vector(f"{prefix}{layer}.", np.ones((*SHAPE, 4), np.float32), names)
@@ -192,13 +192,13 @@ def test_a_display_window_larger_than_memory_is_refused_for_all_its_channels(
     tmp_path: Path,
 ) -> None:
     planes = vector("P.", points()) | {"id.triangle": numbers()}
-    # One plane of this window takes half of the bound of 1 GiB.
+    # One plane of this window takes half of the limit of 1 GiB.
     display = np.array([[0, 0], [WIDTH - 1, (1 << 27) // WIDTH]], np.int32)
     with pytest.raises(InputError, match="of memory"):
         read(tmp_path, planes, displayWindow=tuple(display))
 
 
-def test_storage_says_how_exactly_it_holds_positions(tmp_path: Path) -> None:
+def test_storage_states_its_precision_of_positions(tmp_path: Path) -> None:
     position = points() * np.float32(1.0004)  # nearly half a step of half precision
 
     def stored(kind: Any, compression: str, axes: str = "XYZ") -> HogelImage:
@@ -217,7 +217,7 @@ def test_storage_says_how_exactly_it_holds_positions(tmp_path: Path) -> None:
         share = np.nanmax(off, axis=(0, 1))
         assert (share <= 1 + 1e-6).all() if kind == np.float16 or not dwa else share[1] <= 1
         assert share[1] > 0.05, "no more than a derived bound has to be"
-        # DWA keeps channels that are not named R, G, B or Y, in float32 here.
+        # DWA is lossless for channels not named R, G, B or Y, which are float32 here.
         assert not dwa or kind == np.float16 or (image.uncertainty[..., [0, 2]] == 0).all()
         assert (image.storage is not None) == dwa
     assert stored(np.float32, "ZIP").uncertainty is None

@@ -1,4 +1,4 @@
-"""Layouts: each is written, recognized by its names, and read back to the last bit."""
+"""Layouts: each is written, recognized by its file names, and read back bit for bit."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ from xfrustum.scenes.files.layouts import (
 from xfrustum.scenes.files.pictures import Picture, read_picture, write_picture
 from xfrustum.scenes.files.plate_files import PlateRows, find_files, write_files
 
-HORIZONTAL = ("hocking-columns", "quilt")  # layouts that keep one pixel row of each hogel
+HORIZONTAL = ("hocking-columns", "quilt")  # layouts that store one pixel row of each hogel
 
 
 def plate(shape: PlateShape, dtype: str = "uint8") -> PlateRows:
@@ -31,7 +31,7 @@ def plate(shape: PlateShape, dtype: str = "uint8") -> PlateRows:
 
 
 def shape_for(name: str) -> PlateShape:
-    """Return a shape of four different numbers, as far as the layout allows it."""
+    """Return a shape of four different numbers, as far as the layout permits."""
     return PlateShape(hogels=(4, 3), resolution=(6, 1 if name in HORIZONTAL else 5))
 
 
@@ -109,13 +109,14 @@ def test_horizontal_parallax_keeps_the_middle_row(name: str, tmp_path: Path) -> 
         ("mosaic", "mosaic.png", np.s_[10:15, 18:24], np.s_[2, 3]),
         ("views", "4_1.png", np.s_[:], np.s_[:, :, 4, 1]),
         ("stanford", "out_04_01_-0.800000_-0.500000.png", np.s_[:], np.s_[:, :, 4, 1]),
-        # View 0, of the leftmost eye, is the last pixel and lies at the bottom left; 1 beside it.
+        # View 0, for the leftmost eye, is the last pixel column, at the bottom left; view 1 is to
+        # its right.
         ("quilt", "quilt_qs3x2a1.333.png", np.s_[3:, :4], np.s_[:, :, 0, 5]),
         ("quilt", "quilt_qs3x2a1.333.png", np.s_[3:, 4:8], np.s_[:, :, 0, 4]),
         ("quilt", "quilt_qs3x2a1.333.png", np.s_[:3, :4], np.s_[:, :, 0, 2]),
     ],
 )
-def test_a_part_of_a_file_holds_the_pixels_that_its_layout_says(
+def test_a_part_of_a_file_holds_the_pixels_of_its_layout(
     name: str, file: str, part: Any, pixels: Any, tmp_path: Path
 ) -> None:
     before = plate(shape_for(name))

@@ -1,4 +1,4 @@
-"""The scene file: each key arrives in the scene; every mistake is one line that names the key."""
+"""The scene file: each key reaches the scene; every mistake is one line that names the key."""
 
 import math
 from dataclasses import replace
@@ -24,8 +24,8 @@ LIGHT = "[[light]]\ndirection = [0, 3, 4]\n"
 MAP = '[environment]\nmap = "sky.exr"\n'
 
 SHARED_EXPONENT = 2.0**-7
-"""A Radiance HDR file cuts three channels to 8 bits below one power of two, which is at most twice
-the largest of them: off by at most this share of it.
+"""Radiance HDR files quantize three channels to 8 bits below a common power of two, at most twice
+the largest channel. The error is at most this share of the largest channel.
 """
 
 
@@ -57,7 +57,7 @@ def test_every_key_arrives_in_the_scene(tmp_path: Path) -> None:
 
 
 def test_scale_then_rotate_about_fixed_x_y_z_then_translate() -> None:
-    """By hand, (1, 2, 3) becomes (2, 4, 6); about x (2, -6, 4), y (4, -6, -2), z (6, 4, -2)."""
+    """By hand, (1, 2, 3) scales to (2, 4, 6), then turns to (2, -6, 4), (4, -6, -2), (6, 4, -2)."""
     matrix = placement(2.0, (90.0, 90.0, 90.0), (10.0, 20.0, 30.0))
     np.testing.assert_allclose(matrix @ [1, 2, 3, 1], [16, 24, 28, 1], atol=1e-13)
 
@@ -80,7 +80,7 @@ def test_a_mesh_lies_beside_its_scene_file(tmp_path: Path, monkeypatch: pytest.M
     assert Path(scene.source).is_absolute(), "an image can be compared from another folder"
 
 
-#: Lines of a valid file, by key.
+#: Lines of a valid file, by key
 VALID = {
     "plate.size": "[80, 60.0]",
     "plate.hogels": "[81, 61]",
@@ -92,7 +92,7 @@ SCREEN = "{ height = 1, center = [0, 0], size = [1, 1] }"
 ROWS = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"
 SINGULAR = ROWS.replace("[0,1,0,0]", "[2,0,0,0]")
 SHEARED = ROWS.replace("[0,0,0,1]", "[0,0,1,1]")
-#: A line that replaces one of the valid file or joins it, and words of the refusal.
+#: A line that replaces a line of the valid file or is added to it, and words of the error
 MISTAKES = f"""\
 plate.size = [-80, 60.0] : plate.size[0] : greater than 0, not -80
 plate.size = [80] : plate.size[1] is missing
@@ -131,7 +131,7 @@ transport.shadows = 1 : transport.shadows : boolean, not 1
 
 
 def refusal(folder: Path, lines: dict[str, str]) -> str:
-    """Return the one line with which a file of some lines is refused."""
+    """Return the one-line error for a file of some lines."""
     with pytest.raises(InputError) as caught:
         open_scene(write(folder, *(f"{key} = {value}\n" for key, value in lines.items())))
     assert "\n" not in str(caught.value) and "scene.toml" in str(caught.value)
@@ -144,7 +144,7 @@ def test_a_mistake_is_one_line_with_file_key_and_what_is_allowed(
 ) -> None:
     line, *expected = mistake.split(" : ")
     key, _, value = line.partition(" =")
-    # First, for TOML names the line of its own mistakes.
+    # Sorted first: TOML errors state the line number.
     message = refusal(tmp_path, {key: value} | {k: v for k, v in VALID.items() if k != key})
     assert [words for words in expected if words not in message] == []
 
@@ -157,7 +157,7 @@ def test_tables_and_angles_that_are_missing_are_named(tmp_path: Path) -> None:
     assert "fov_deg = [x, y] degrees" in message and "screen = {" in message
 
 
-def test_a_mesh_in_place_of_a_scene_file_is_told_to_need_one(tmp_path: Path) -> None:
+def test_a_mesh_in_place_of_a_scene_file_is_refused_with_advice(tmp_path: Path) -> None:
     (tmp_path / "beetle.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(InputError, match="write a scene file first: xfrustum new"):
         open_scene(str(tmp_path / "beetle.obj"))
@@ -184,11 +184,11 @@ def test_lengths_that_32_bit_images_cannot_hold_and_a_screen_almost_in_the_plate
 
 @pytest.fixture
 def sky() -> Singles:
-    """A map that every flip changes."""
+    """Return a map that every flip changes."""
     return np.random.default_rng(3).random((6, 12, 3), dtype=np.float32) * 5
 
 
-def test_a_material_has_what_its_table_says_and_the_rest_from_the_defaults(tmp_path: Path) -> None:
+def test_a_material_has_the_values_of_its_table_and_defaults(tmp_path: Path) -> None:
     paint = (
         PAINT + "ambient = 0.25\ndiffuse = [0.5, 0, 1]\nexponent = 7\nreflectivity = [0, 0.5, 1]\n"
     )
@@ -241,7 +241,7 @@ def test_an_environment_is_read_as_stored_from_openexr_and_radiance_files(
 
 
 def test_channels_are_found_by_name_and_alpha_is_ignored(tmp_path: Path, sky: Singles) -> None:
-    """OpenEXR sorts channels by name; another library wrote these."""
+    """OpenEXR sorts channels by name; another library wrote these files."""
     planes = {name: np.ascontiguousarray(sky[..., index]) for index, name in enumerate("RGB")}
     planes["A"] = np.zeros_like(planes["R"])
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, planes) as file:
@@ -252,7 +252,7 @@ def test_channels_are_found_by_name_and_alpha_is_ignored(tmp_path: Path, sky: Si
 @pytest.mark.parametrize(
     ("first", "flip", "warned"), [(-2, "false", True), (-2, "true", False), (2, "false", False)]
 )
-def test_a_transform_that_mirrors_is_said_unless_the_winding_is_flipped(
+def test_a_mirroring_transform_is_reported_unless_the_winding_is_flipped(
     tmp_path: Path, first: int, flip: str, warned: bool
 ) -> None:
     rows = f"[[{first}, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]"

@@ -1,4 +1,4 @@
-"""Normals and colors of meshes, carried along by placing, refining and smoothing."""
+"""Normals and colors of meshes after placing, refining and smoothing."""
 
 from dataclasses import replace
 
@@ -14,8 +14,8 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
 
 ROUNDING = 1e-12
-"""A few dozen operations of doubles on values of size one round to 1e-14; matrices here may be so
-close to singular that they lose two digits more.
+"""A few dozen operations of doubles on values of size one round to 1e-14. Matrices may be so close
+to singular that they lose two more digits.
 """
 
 MATRICES = npst.arrays(np.float64, (3, 3), elements=st.floats(-2, 2)).filter(
@@ -51,7 +51,7 @@ def winding_normals(part: SceneObject) -> Floats:
 def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
     matrix: Floats, corners: Floats, shift: tuple[float, float, float]
 ) -> None:
-    """Whatever the matrix, mirrors included: the moved normal is the moved triangle's normal."""
+    """For any matrix, mirrors included, the placed normal is the normal of the placed triangle."""
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     if np.linalg.norm(normal) < 0.05:
         return
@@ -94,7 +94,7 @@ def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
     )
     fine = refine(alone(part), levels).objects[0]
     point = shares @ corners
-    # The part of the triangle that the point lies in, and its place there.
+    # Sub-triangle that contains the point, and the point's place in it
     local = [
         np.linalg.solve(np.vstack([fine.vertices[face].T[:2], np.ones(3)]), [*point[:2], 1])
         for face in fine.faces
@@ -118,7 +118,7 @@ def test_a_corner_without_a_normal_leaves_all_of_its_triangle_flat_however_fine(
 
 
 def test_smoothing_does_not_depend_on_how_flat_faces_are_cut() -> None:
-    """Every face of a box in two triangles, or in eight: the corners have the same normals."""
+    """Each face of a box has two triangles, or eight: the corners get equal normals."""
     box = build_shape("box")
     fine = smoothed(refine(alone(box), 1).objects[0])
     coarse = smoothed(box)
@@ -145,7 +145,7 @@ def test_smoothing_joins_vertices_in_one_place_and_keeps_normals_that_are_there(
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
 def test_smoothing_a_sphere_of_any_size_gives_about_its_radii(size: float) -> None:
-    """24 bands of 7.5 degrees: a mean of the facets around a point errs by far less than one."""
+    """24 bands of 7.5 degrees: the mean of the facets around a point is closer than a facet."""
     ball = build_shape("sphere")
     ball = smoothed(replace(ball, vertices=ball.vertices * size))
     outward = ball.vertices / size / 0.5

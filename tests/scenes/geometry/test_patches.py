@@ -1,4 +1,4 @@
-"""Bezier patches: triangles within a stated distance, without cracks, with true normals."""
+"""Bezier patches: triangles within a chord tolerance, without cracks, with true normals."""
 
 import math
 from pathlib import Path
@@ -32,7 +32,7 @@ ROUNDING = 1e-12
 """Largest rounding of a few hundred operations of doubles on values of size ten."""
 
 PRINTED = math.sqrt(3) * 0.5e-6
-"""A mesh file with six decimals moves a vertex by half a unit of the last one along each axis."""
+"""A mesh file with six decimals rounds each coordinate by up to half a unit of the last decimal."""
 
 NETS = st.tuples(st.integers(1, 3), st.integers(1, 3)).flatmap(
     lambda degrees: npst.arrays(
@@ -41,7 +41,7 @@ NETS = st.tuples(st.integers(1, 3), st.integers(1, 3)).flatmap(
 )
 
 
-#: The net of (u, v, 3 u v), of which the mixed derivative alone is not zero.
+#: Net of (u, v, 3 u v); all its second derivatives vanish except the mixed one
 TWIST: Floats = np.array([[[u, v, 3.0 * u * v] for v in (0.0, 1.0)] for u in (0.0, 1.0)])
 
 
@@ -54,10 +54,9 @@ def paraboloid() -> Floats:
 
 
 def chord_error(net: Floats, part: SceneObject, steps: tuple[int, int], samples: int) -> float:
-    """Return how far a patch is from its own triangles, densely sampled.
+    """Return the largest distance of a patch from its triangles, at dense samples.
 
-    A distance to fewer triangles than all is an upper bound: each sample tests triangles of its own
-    cell.
+    Each sample is compared only with triangles of its own cell, which gives an upper bound.
     """
     (a, b), errors = steps, []
     grid = part.vertices.reshape(a + 1, b + 1, 3)
@@ -86,7 +85,7 @@ def test_a_surface_of_known_polynomials_is_evaluated_exactly() -> None:
 
 
 def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
-    """A parabolic arch of height 1/4: the middle of n level chords lies 1/(4 n^2) below its top."""
+    """An arch of height 1/4: the middle one of n level chords lies 1/(4 n^2) below its top."""
     net = np.array(
         [[[u, v, z] for v in (0.0, 1.0)] for u, z in ((0.0, 0.0), (0.5, 0.5), (1.0, 0.0))]
     )
@@ -104,7 +103,7 @@ def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
 def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> None:
     try:
         part = tessellate([net], tolerance, name="any")
-    except InputError:  # all of it in one point
+    except InputError:  # all points coincide
         return
     error = chord_error(net, part, steps_for(net, tolerance), 4)
     assert error <= tolerance + ROUNDING
@@ -118,7 +117,7 @@ def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> N
 def test_patches_that_share_an_edge_share_its_points_to_the_last_bit(
     net: Floats, turns: tuple[bool, bool, bool, bool]
 ) -> None:
-    """Two halves of one net of 4 x 7 points, each read in another direction and order."""
+    """Two halves of a net of 4 x 7 points, each with another direction and order of points."""
     assume(len(np.unique(net[:, 3], axis=0)) > 1)
     pair, ways = [net[:, :4], net[:, 3:]], (turns[:2], turns[2:])
     for index, (swap, reverse) in enumerate(ways):
@@ -141,7 +140,7 @@ def test_patches_that_share_an_edge_share_its_points_to_the_last_bit(
 
 
 def test_a_collapsed_edge_has_the_normal_of_the_limit() -> None:
-    """A cone's tip has no normal, but each line up to it has one; a dome's top has one for all."""
+    """Lines up to a cone's tip have different normals; lines up to a dome's top share one."""
     ring = np.array([[1.0, 0.0], [1.0, 0.55], [0.55, 1.0], [0.0, 1.0]])
     heights = {"cone": (0.0, 1 / 3, 2 / 3, 1.0), "dome": (0.0, 0.6, 1.0, 1.0)}
     for kind, rise in heights.items():
@@ -151,7 +150,7 @@ def test_a_collapsed_edge_has_the_normal_of_the_limit() -> None:
         if kind == "dome":
             np.testing.assert_allclose(values[:, -1], [[0, 0, 1]] * 7, atol=1e-15)
         else:
-            # On a cone the normal is the same all the way up.
+            # On a cone, the normal is constant along a line to the tip.
             np.testing.assert_allclose(values[:, -1], values[:, 0], atol=1e-14)
         for turned, expected in (
             (net[:, ::-1], values[:, ::-1]),
@@ -162,7 +161,7 @@ def test_a_collapsed_edge_has_the_normal_of_the_limit() -> None:
 
 
 def test_the_teapot_cut_ten_by_ten_is_the_mesh_of_the_teapot(shared_data: Path) -> None:
-    """(x, y, z) of the patches is (x, z, -y) of the mesh: the same points and as many triangles."""
+    """(x, y, z) of the patches is (x, z, -y) of the mesh: equal points, as many triangles."""
     part = cut(teapot(shared_data), [(10, 10)] * 32, name="teapot")
     mesh = load_mesh(shared_data / "data" / "teapot.obj")
     x, y, z = part.vertices.T

@@ -1,4 +1,4 @@
-"""The same surfaces in 4 and 16 times as many triangles: the same verdict."""
+"""The same surfaces in 4 and 16 times as many triangles have the same verdict."""
 
 from functools import cache
 
@@ -32,9 +32,10 @@ def rows(levels: int) -> tuple[Measurement, ...]:
 
 
 def starved(settings: DoubleFrustum) -> bool:
-    """Return whether a step of the depth buffer, w^2 / (n 2^b), is over 1 % of reach at w = 30.
+    """Return whether a depth step, w^2 / (n 2^b), exceeds 1 % of the reach at w = 30.
 
-    The car's middle depth is 30 for a reach of 150. Reversed float depth has steps of 2^-24 w.
+    The middle of the car is at depth 30, and the reach is 150. Reversed float depth has steps of
+    2^-24 w.
     """
     if settings.depth is DepthFormat.D32F and settings.mapping is DepthMapping.REVERSED:
         return False
@@ -45,7 +46,7 @@ def starved(settings: DoubleFrustum) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("levels", [1, 2])
 def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: int) -> None:
-    """But where standard depth has a handful of steps left: there it is off by up to 2 %."""
+    """An exception is standard depth with only a handful of steps: it varies by up to 2 %."""
     coarse, fine = rows(0), rows(levels)
     assert best_setting(fine).settings == best_setting(coarse).settings
     for row, other in zip(coarse, fine, strict=True):

@@ -1,4 +1,4 @@
-"""The built-in scenes: the same every time, and each fit for its stated purpose."""
+"""The built-in scenes are reproducible, and each fits its stated purpose."""
 
 import itertools
 import math
@@ -19,7 +19,7 @@ def areas(triangles: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("name", builtin.names())
-def test_a_built_in_scene_is_the_same_every_time_and_says_what_it_is_for(name: str) -> None:
+def test_a_built_in_scene_is_reproducible_and_states_its_purpose(name: str) -> None:
     scene = open_scene(name)
     assert scene.source == scene.name == name
     builtin.build.cache_clear()
@@ -59,8 +59,8 @@ def test_refining_splits_every_triangle_in_four_on_the_same_surface(name: str) -
     np.testing.assert_allclose(
         areas(fine.triangles), areas(scene.triangles)[parents] / 16, rtol=1e-6
     )
-    # A middle is rounded once per level: half an ulp per coordinate, two levels, sqrt(3) for the
-    # length.
+    # A middle is rounded once per level: half an ulp per coordinate, for two levels, and sqrt(3)
+    # for the length of the vector.
     rounding = 2 * math.sqrt(3) * np.spacing(np.abs(scene.vertices).max())
     offsets = fine.triangles - scene.triangles[parents, :1]
     assert np.abs(np.einsum("tcx,tx->tc", offsets, scene.normals[parents])).max() < 8 * rounding

@@ -1,4 +1,4 @@
-"""The suite of hard cases: the truth is as expected, and no answer ever breaks down."""
+"""The suite of hard cases: truths are as expected, and reference and rasterizer never break."""
 
 import json
 import re
@@ -49,13 +49,13 @@ def scene_of(name: str) -> Scene:
 
 @cache
 def truth_of(name: str, aperture: Index = MIDDLE) -> HogelImage:
-    """Return the true image of an aperture, column and row."""
+    """Return the true image of an aperture, given by column and row."""
     scene = scene_of(name)
     return Reference(scene).trace(scene.plate.aperture(*aperture))
 
 
 def companions_of(image: HogelImage) -> dict[Index, list[int]]:
-    """Return the triangles of every tie in ascending order, by row and column."""
+    """Return the triangles of each tie in ascending order, by row and column."""
     assert image.tied_triangles is not None
     ties: dict[Index, list[int]] = defaultdict(list)
     for row, column, triangle in image.tied_triangles.tolist():
@@ -64,7 +64,7 @@ def companions_of(image: HogelImage) -> dict[Index, list[int]]:
 
 
 class View:
-    """Truth of an aperture, with the column, the row and the line's slopes of every pixel."""
+    """The truth of an aperture, with column, row and line slopes of every pixel."""
 
     def __init__(self, name: str, aperture: Index = MIDDLE) -> None:
         self.image, scene = truth_of(name, aperture), scene_of(name)
@@ -90,7 +90,7 @@ LINE_ROUNDING = 4 * 2.0**-53
 
 KIB, GIB = 1 << 10, 1 << 30
 CHECKED_EXACTLY = 60
-"""Pixels of each class that rational arithmetic decides again."""
+"""Number of pixels of each class that are compared with rational arithmetic."""
 
 
 def test_every_case_is_documented_listed_and_opened_by_its_name() -> None:
@@ -192,8 +192,8 @@ def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: s
 
 
 def peak_memory(work: str) -> int:
-    """Return the largest memory, bytes, that a process of its own needed for some work."""
-    # Not ru_maxrss: a program begins with the value of its parent process.
+    """Return the peak memory, bytes, of a new process that does some work."""
+    # Not ru_maxrss: a process inherits the initial value from its parent.
     measured = f"{work}\nfrom pathlib import Path\nprint(Path('/proc/self/status').read_text())"
     done = subprocess.run(
         [sys.executable, "-c", measured], capture_output=True, text=True, check=True
@@ -204,10 +204,9 @@ def peak_memory(work: str) -> int:
 
 
 BYTES_PER_TRIANGLE = 512
-"""Largest memory, bytes: with two triangles a vertex, 132 stay: vertices 12, faces 24, corners 72,
-normals 24.
-
-Making the normals takes about as much again three times over. An image adds hardly any.
+"""Largest memory per triangle, bytes. With two triangles per vertex, 132 remain: vertices 12, faces
+24, corners 72, normals 24. Computing normals temporarily takes about three times as much. An image
+adds very little.
 """
 
 
@@ -227,7 +226,7 @@ GIANTS = {
         3 * GIB,
     ),
 }
-"""Assertions about each giant, and the largest memory that it may take, bytes."""
+"""Assertions about each giant, and its memory limit, bytes."""
 
 
 @pytest.mark.slow
@@ -246,15 +245,15 @@ def test_giants_are_traced_in_bounded_memory(
     assert needed < limit
 
 
-# Each hard case shows its closed form, pixel by pixel.
+# Each hard case has its closed form, pixel by pixel.
 
-#: Fields of the truth and masks of its certainties, exact, by case and aperture.
+#: Expected fields of the truth and masks of certainties, exact, by case and aperture
 FORMS: dict[tuple[str, Index], Callable[[View], dict[str, Any]]] = {}
 Form = Callable[[View], dict[str, Any]]
 
 
 def shows(*names: str, apertures: tuple[Index, ...] = (MIDDLE,)) -> Callable[[Form], Form]:
-    """Register the closed form of some cases."""
+    """Return a decorator that registers the closed form of some cases."""
 
     def register(form: Form) -> Form:
         FORMS.update({(f"hard/{name}", at): form for name in names for at in apertures})
@@ -269,7 +268,7 @@ def inside(values: Indices, limits: tuple[float, float]) -> Mask:
 
 @shows("vertices-and-edges")
 def all_triangles_at_vertices_and_edges(view: View) -> dict[str, Any]:
-    """Two sheets are grids of squares in the image, cut along a diagonal, whatever their depths."""
+    """Two sheets are grids of squares with diagonals in the image, independent of depths."""
     row, rows = view.row, (2, 58)
     counts = np.ones_like(row)
     for index, triangles in view.ties.items():
@@ -441,7 +440,7 @@ def test_a_case_shows_its_closed_form(name: str, aperture: Index) -> None:
 @pytest.mark.parametrize(("name", "side"), [("hard/only-in-front", 1), ("hard/only-behind", -1)])
 def test_one_side_alone_shows_alone(name: str, side: int) -> None:
     heights = truth_of(name).height[truth_of(name).covered]
-    # The nearest and the farthest point of a ball about height 50 of radius 12, and 1 % of facets.
+    # Nearest and farthest point of a ball about height 50 with radius 12, to 1 % for facets
     assert len(heights) > 500 and (np.abs(side * heights - 50) < 12.1).all()
     assert (heights - side * 50).mean() > 0, "the side turned to the viewer"
 

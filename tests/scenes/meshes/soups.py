@@ -1,4 +1,4 @@
-"""Mesh files of tests, and the comparison of both readers with shapes in closed form."""
+"""Mesh files for tests, and a comparison of both readers with closed-form shapes."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,11 +19,11 @@ needs_data = pytest.mark.skipif(
     not DATA.is_dir(), reason="no folder of test data beside the checkout"
 )
 
-#: Corners without any symmetry, exact in float32, and the four triangles of their tetrahedron.
+#: Asymmetric corners, exact in float32, and the four triangles of their tetrahedron
 CORNERS: Floats = np.array([[0, 0, 0], [4, 0, 0], [1, 3, 0], [1, 1, 5]], dtype=np.float64)
 FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
 SOUP: Floats = CORNERS[np.array(FACES)]
-#: Corners in coordinates of a survey, which float32 would round to half a meter.
+#: Corners in survey coordinates, which float32 would round to half a meter
 UTM: Floats = CORNERS + np.array([500_000.123456789, 5_412_345.987654321, 431.5])
 
 
@@ -35,7 +35,7 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
 
 
 def assert_reads(path: Path, polygons: Iterable[ArrayLike], rounding: float = 0.0) -> None:
-    """Assert that both readers read the triangles of some polygons (n, 3), in any order and cut."""
+    """Assert that both readers return triangulations of some polygons (n, 3), in any order."""
     right = Reading([np.asarray(polygon, np.float64) for polygon in polygons], rounding)
     assert difference(product_triangles(path), right) is None, "product"
     second = read(path)

@@ -1,4 +1,4 @@
-"""glTF: each feature of a file gives the triangles of its twin, which is written plainly."""
+"""glTF: each feature of a file gives the triangles of a plain file."""
 
 import base64
 import json
@@ -21,14 +21,14 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import input_memory
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
-#: Corners of the triangles of `TENT`, where nothing moves it.
+#: Corners of the triangles of `TENT` without any placement
 PLAIN = TENT.astype(np.float64)[TENT_FACES.reshape(-1, 3)]
-ROUNDING = 1e-12  # some ten operations of doubles on values of size one hundred
+ROUNDING = 1e-12  # about ten operations of doubles on values of about 100
 INSTANCES = "EXT_mesh_gpu_instancing"
 
 
 def corners(mesh: SceneObject) -> Floats:
-    """Return the corners of all triangles, (F, 3, 3), in the order of their numbers."""
+    """Return the corners (F, 3, 3) of all triangles, in the order of their numbers."""
     return mesh.vertices[mesh.faces]
 
 
@@ -43,7 +43,7 @@ def tent() -> Writer:
 
 
 def sparse() -> Writer:
-    """Return the tent of zeros, some of which are replaced."""
+    """Return the tent as an accessor of zeros with sparse replacements."""
     writer, rows = Writer(), np.flatnonzero(TENT.any(axis=1))
     indices = {"bufferView": writer.view(rows.astype("<u1").tobytes()), "componentType": 5121}
     values = {"bufferView": writer.view(TENT[rows].tobytes())}
@@ -61,7 +61,7 @@ def interleaved() -> Writer:
 
 
 def skinned() -> Writer:
-    """Return the tent hung on two joints that are moved together; its node's place is ignored."""
+    """Return the tent skinned to two joints that move together; the node's transform is ignored."""
     writer, back = Writer(), np.eye(4, dtype="<f4")
     attributes = {
         "JOINTS_0": writer.array(np.tile(np.array([0, 1, 0, 0], "<u1"), (5, 1))),
@@ -79,7 +79,7 @@ def skinned() -> Writer:
 
 
 def instanced() -> Writer:
-    """Return the tent behind a hidden tent, in one place of an instance undone by its node."""
+    """Return the tent and a hidden tent; an instance's transform is the inverse of its node's."""
     writer = Writer()
     attributes = {
         "TRANSLATION": writer.array(np.array([[1, 2, 3]], "<f4")),
@@ -95,7 +95,7 @@ def instanced() -> Writer:
 
 
 def below_others() -> Writer:
-    """Return the tent below a camera, below a line; its node is in no scene of none."""
+    """Return the tent below a camera, which is below a line, in a file without scenes."""
     writer = Writer()
     child = writer.node(mesh=writer.tent(), translation=[-2, 0, 0], root=False)
     camera = writer.node(children=[child], camera=0, translation=[2, 0, -1], root=False)
@@ -111,7 +111,7 @@ def test_a_feature_gives_the_triangles_that_are_written_plainly(
     make: Callable[[], Writer], tmp_path: Path
 ) -> None:
     path = make().save(tmp_path / "mesh.glb")
-    # A quaternion turns the instance, and rounds.
+    # The instance's quaternion rotates with rounding.
     assert_reads(path, PLAIN, ROUNDING if make is instanced else 0.0)
     np.testing.assert_allclose(corners(load_mesh(path)), PLAIN, rtol=0, atol=ROUNDING)
 
@@ -133,7 +133,7 @@ def test_normalized_integers_are_shares_of_the_largest(kind: str, tmp_path: Path
 def test_strips_and_fans_are_those_of_the_specification(
     mode: int, faces: list[list[int]], order: Any, tmp_path: Path
 ) -> None:
-    """Section 3.7.2.1: the formulas of strips and fans, with indices and without."""
+    """Section 3.7.2.1: formulas of strips and fans, with and without indices."""
     writer = Writer()
     writer.node(mesh=writer.mesh(TENT, order, mode=mode))
     expected = TENT[faces if order is None else order[faces]]
@@ -142,20 +142,20 @@ def test_strips_and_fans_are_those_of_the_specification(
 
 def test_utm_coordinates_are_rounded_once(tmp_path: Path) -> None:
     writer, far = Writer(), (500000.123, 4.0e6, -7.25)
-    turn = [0, 1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 0, *far, 1]  # column by column: x to y, y to z, z to x
+    turn = [0, 1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 0, *far, 1]  # by columns: x to y, y to z, z to x
     writer.node(mesh=writer.tent(), matrix=turn)
     vertices = read(writer, tmp_path).vertices
     np.testing.assert_array_equal(vertices, TENT[:, [2, 0, 1]].astype(np.float64) + far)
 
 
-#: Corners of their own for each triangle, with its normal.
+#: Separate corners for each triangle, with its normal
 LOOSE = PLAIN.reshape(-1, 3).astype("<f4")
 CROSS = np.cross(PLAIN[:, 1] - PLAIN[:, 0], PLAIN[:, 2] - PLAIN[:, 0])
 NORMALS = np.repeat(CROSS / np.linalg.norm(CROSS, axis=1, keepdims=True), 3, axis=0)
 
 
 def placed(place: str) -> Writer:
-    """Return loose triangles with normals, placed by a node, by instances or by a joint."""
+    """Return separate triangles with normals, placed by a node, by instances or by a joint."""
     writer = Writer()
     stored, whole = NORMALS.astype("<f4"), place == "quantized"
     if whole:
@@ -183,25 +183,24 @@ def placed(place: str) -> Writer:
     "place", ["uneven mirror", "sheared", "instances", "joint", "mirrored joint", "quantized"]
 )
 def test_normals_follow_the_surface_through_every_placement(place: str, tmp_path: Path) -> None:
-    """Faces look outward, on the side of their normals: they enclose a positive volume."""
+    """Faces point outward, as their normals do: the enclosed volume is positive."""
     mesh = read(placed(place), tmp_path)
     assert mesh.vertex_normals is not None
     a, b, c = np.moveaxis(corners(mesh), 1, 0)
     across = np.cross(b - a, c - a)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     cosines = np.einsum("fk,fck->fc", across, mesh.vertex_normals[mesh.faces])
-    # Rounding of a quantized normal, 0.5 / 127 a component: 1 - cos < (sqrt(3) / 254)^2 / 2.
+    # Rounding of a quantized normal, 0.5 / 127 per component: 1 - cos < (sqrt(3) / 254)^2 / 2
     assert np.abs(cosines - 1).max() < 3e-5
-    middle = corners(mesh).reshape(-1, 18, 3).mean(axis=1)  # of each instance
+    middle = corners(mesh).reshape(-1, 18, 3).mean(axis=1)  # middle of each instance
     outward = (a + b + c) / 3 - np.repeat(middle, 6, axis=0)
     assert np.einsum("fk,fk->f", outward, across).sum() > 0
 
 
 def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
-    """Random trees, with mirrors and meshes of two primitives.
+    """Random trees have mirrors and meshes of two primitives.
 
-    Matrices of three and more levels are multiplied in another order, so that vertices round
-    otherwise.
+    Matrices of three or more levels are multiplied in another order, and round differently.
     """
     chance = np.random.default_rng(51)
     for number in range(12):
@@ -241,11 +240,11 @@ def test_buffers_lie_in_the_file_beside_it_or_in_its_text(tmp_path: Path) -> Non
     np.testing.assert_array_equal(corners(load_mesh(text)), PLAIN)
 
 
-# Colors and textures.
+# Colors and textures
 
 
 def painted(folder: Path, uv: Any = ((0, 0),) * 5) -> Writer:
-    """Return a tent with a texture: of level 0, and a second image of level 1."""
+    """Return a tent with a texture of gray level 0, and a second image of level 1."""
     writer = Writer()
     for level in (0, 1):
         Image.new("RGB", (4, 4), (level,) * 3).save(folder / f"an image {level}.png")
@@ -259,7 +258,7 @@ def painted(folder: Path, uv: Any = ((0, 0),) * 5) -> Writer:
 
 
 def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path) -> None:
-    """The example of KHR_texture_transform: the image's lower left quadrant, a quarter turned."""
+    """The example of KHR_texture_transform: the lower left quadrant, turned by 90 degrees."""
     writer = painted(tmp_path, [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
     info = writer.tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
     info["texCoord"] = 1
@@ -268,7 +267,7 @@ def test_a_texture_is_placed_by_its_own_coordinates_and_transform(tmp_path: Path
     np.testing.assert_array_equal(plain.uv, [[0, 1], [1, 1], [1, 0], [0, 0], [0, 1]])
     transform = {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5]}
     info["extensions"] = {"KHR_texture_transform": transform}
-    expected = np.array([[0, 1], [0, 0.5], [0.5, 0.5], [0.5, 1], [0, 1]])  # v down, as glTF counts
+    expected = np.array([[0, 1], [0, 0.5], [0.5, 0.5], [0.5, 1], [0, 1]])  # v points down in glTF
     turned = read(writer, tmp_path).uv
     np.testing.assert_allclose(turned, expected * (1, -1) + (0, 1), atol=1e-15)
     transform["texCoord"] = 0
@@ -297,7 +296,7 @@ def test_a_texture_of_many_primitives_and_materials_is_one_picture(tmp_path: Pat
     assert whole.texture_of_triangle is not None and not whole.texture_of_triangle.any()
 
 
-# Unread and refused.
+# Ignored and refused features
 
 UNREAD = """\
 KHR_materials_sheen is not shown: materials are those of the scene file
@@ -337,7 +336,7 @@ def replaced(writer: Writer, path: list[Any], value: Any) -> None:
     at[int(path[-1]) if isinstance(at, list) else path[-1]] = value
 
 
-#: Place in the document of the tent, value put there, and words of the refusal.
+#: Path in the tent's document, value put there, and words of the error
 REFUSED = """\
 extensionsRequired = ["ACME_bend"]  # extension ACME_bend
 extensionsUsed = ["AGI_articulations"]  # extension AGI_articulations
@@ -390,7 +389,7 @@ def test_bounds_may_be_printed_with_six_digits(tmp_path: Path) -> None:
 
 def test_joints_count_with_a_skin_alone_and_their_weights_add_up_to_one(tmp_path: Path) -> None:
     writer = skinned()
-    writer.tree["accessors"][1]["normalized"] = False  # shares all the same
+    writer.tree["accessors"][1]["normalized"] = False  # not normalized, but still shares
     np.testing.assert_array_equal(corners(read(writer, tmp_path)), PLAIN)
     short = np.tile(np.array([64, 150, 0, 0], "<u1"), (5, 1))
     [primitive] = writer.tree["meshes"][0]["primitives"]
@@ -410,7 +409,7 @@ def test_objects_of_a_document_are_counted_before_they_are_made(tmp_path: Path) 
 
 
 def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
-    """400 nodes with a thousand instances each: 100 KB that become 400,000 tents."""
+    """400 nodes with a thousand instances each: 100 KB that would become 400,000 tents."""
     writer = Writer()
     mesh, moves = writer.tent(), writer.array(np.zeros((1000, 3), "<f4"))
     for _ in range(400):

@@ -1,4 +1,4 @@
-"""Mesh files as objects: albedos and textures are the file's, none made up."""
+"""Mesh files as objects: albedos and textures come from the file; none are invented."""
 
 import json
 import struct
@@ -28,10 +28,10 @@ def test_a_placement_that_overflows_is_an_input_error(tmp_path: Path) -> None:
         place(load_mesh(path), np.diag([1e300, 1, 1, 1]))
 
 
-# Every file shows one sheet. Its albedo is known in closed form: the files are written here, number
-# by number, and not by trimesh.
+# Every file shows one sheet with an albedo in closed form. The files are written here, number by
+# number, and not by trimesh.
 
-STORED = (188, 64, 3)  #: in 8 bits: bright, dark, and on the straight part of sRGB
+STORED = (188, 64, 3)  #: in 8 bits: bright, dark, and on the linear part of sRGB
 WORDS = (40000, 20000, 500)  #: in 16 bits
 SHARES = (0.5, 0.25, 0.002)
 WHITE = (1.0, 1.0, 1.0)
@@ -71,7 +71,7 @@ end_header
 
 
 def linear(stored: Color, largest: float = 255) -> Color:
-    """Return linear light of sRGB values, by the definition in IEC 61966-2-1."""
+    """Return linear values of sRGB values, by the definition in IEC 61966-2-1."""
     shares = [value / largest for value in stored]
     return tuple(s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares)
 
@@ -81,12 +81,12 @@ def words(values: Color) -> str:
 
 
 def obj(head: str = "", color: Color = ()) -> str:
-    """Return the sheet as OBJ; statements of `head` come first."""
+    """Return the sheet as OBJ, after the statements in `head`."""
     return OBJ.format(head=head, color=words(color))
 
 
 def ply(kind: str = "", color: Color = (), head: str = "comment none") -> str:
-    """Return the sheet as PLY, with colors of some type, placed by texture coordinates s and t."""
+    """Return the sheet as PLY, with a type of colors and texture coordinates s and t."""
     properties = "\n".join(f"property {kind} {name}" for name in ("red", "green", "blue") if kind)
     return PLY.format(head=head, properties=properties, color=words(color))
 
@@ -118,11 +118,11 @@ LIBRARY = "mtllib m.mtl\nusemtl "
 ALBEDOS: dict[str, tuple[str | Writer, Color]] = {
     "OBJ without coordinates": (obj().replace("1/1 2/2 3/3 4/4", "1 2 3 4"), WHITE),
     "OBJ with colors": (obj(color=SHARES), linear(SHARES, 1)),
-    # A material library gives its texture, and colors are of the scene file.
+    # A material library provides only its texture; the scene file provides colors.
     "OBJ of a plain material": (obj(LIBRARY + "plain"), WHITE),
     "OBJ with a texture": (obj("# made\n" + LIBRARY + "wood"), linear(STORED)),
     "OBJ without its library": (obj("usemtl wood"), WHITE),
-    # trimesh makes up gray where there is no texture, and Pillow clips 16 bits.
+    # trimesh invents gray for missing textures, and Pillow clips 16 bits.
     "OBJ with gray of 8 bits": (obj(LIBRARY + "uint8"), linear((100,) * 3)),
     "OBJ with gray of 16 bits": (obj(LIBRARY + "uint16"), linear((100,) * 3)),
     "PLY": (ply(), WHITE),
@@ -131,7 +131,7 @@ ALBEDOS: dict[str, tuple[str | Writer, Color]] = {
     "PLY with shares": (ply("float", SHARES), linear(SHARES, 1)),
     "PLY with floats up to 255": (ply("float", STORED), linear(STORED)),
     "PLY with integers": (ply("int", STORED), linear(STORED)),
-    # Colors of glTF are linear and multiply each other.
+    # Colors of glTF are linear; they are multiplied.
     "glTF": (gltf(), WHITE),
     "glTF with a factor": (gltf(PAINTED), FACTOR),
     "glTF with floats": (gltf(colors=FLOATS), HALF),
@@ -146,7 +146,7 @@ ALBEDOS: dict[str, tuple[str | Writer, Color]] = {
 
 
 def saved(folder: Path, content: str | Writer) -> Path:
-    """Write a mesh file, and a library with textures for it."""
+    """Save a mesh file, and a library with textures for it; return its path."""
     Image.new("RGB", (4, 2), STORED).save(folder / "wood.png")
     for kind in (np.uint8, np.uint16):
         gray = np.full((2, 2), 100 * np.iinfo(kind).max // 255, kind)
@@ -169,7 +169,7 @@ def test_the_albedo_is_the_files_with_texture_coordinates_or_without(
     if mesh.texture_of_triangle is not None:
         assert mesh.texture_of_triangle.tolist() == [0, 0]
         albedo = albedo * linear(tuple(mesh.textures[0][0, 0, :3].tolist()))
-    np.testing.assert_allclose(albedo, expected, rtol=1e-6)  # floats of glTF have 24 bits
+    np.testing.assert_allclose(albedo, expected, rtol=1e-6)  # glTF floats have 24 bits
     assert [str(feature) for feature in mesh.unread if "statements Kd" not in str(feature)] == []
 
 
@@ -191,13 +191,13 @@ FILM = film((8.0, 6.0), hogels=(3, 3), resolution=(9, 7), fov_deg=(40.0, 30.0), 
     "name", ["OBJ with a texture", "PLY with words", "glTF with a texture and a factor"]
 )
 def test_both_answers_show_the_albedo(name: str, tmp_path: Path) -> None:
-    """A pixel of a diffuse sheet under a light from the viewer is 0.5 times the albedo."""
+    """Under a light from the viewer, a diffuse sheet has radiance 0.5 times its albedo."""
     content, albedo = ALBEDOS[name]
     scene = open_scene(written(tmp_path, "a.toml", FILM + SCENE.format(saved(tmp_path, content))))
     truth = Reference(scene).trace(scene.plate.middle).color
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(scene.plate.middle, DoubleFrustum(near=0.01)).color
-    for color in (truth, drawn):  # the rasterizer shades in some ten operations of 32-bit floats
+    for color in (truth, drawn):  # the rasterizer shades with about ten 32-bit operations
         np.testing.assert_allclose(color[3, 4], 0.5 * np.array(albedo), rtol=1e-5)
 
 

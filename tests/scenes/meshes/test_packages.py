@@ -1,4 +1,4 @@
-"""3MF and 3DXML: each object where the file places it, once; formats that are refused by name."""
+"""3MF and 3DXML: each object once, in the place that the file states; formats refused by name."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,7 +17,7 @@ MESH = mesh_xml(CORNERS.tolist(), FACES)
 OTHER = CORNERS * [1, 1, -1] + [0, 0, 20]
 ONE = f'<object id="1">{MESH}</object>'
 ITEM = 'objectid="1"'
-TURN = "0 1 0 -1 0 0 0 0 1 5 6 7"  #: a quarter turn about z, x to y, then a shift
+TURN = "0 1 0 -1 0 0 0 0 1 5 6 7"  #: a quarter turn about z, x to y, then a translation
 MIRROR = f'{ITEM} transform="-1 0 0 0 1 0 0 0 2 0 0 0"'
 TURNED = SOUP @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 6, 7]
 MIRRORED = (SOUP * [-1, 1, 2])[:, ::-1]
@@ -84,14 +84,14 @@ UNKNOWN = 'requiredextensions="q" xmlns:q="http://x/y"'
 
 
 def damaged(package: bytes) -> bytes:
-    """Return a package whose last part begins with a block that deflate does not have."""
+    """Return a package whose last part starts with an invalid deflate block."""
     name = b"3D/3dmodel.model"
     start = package.rindex(name, 0, package.index(b"PK\1\2")) + len(name)
     return package[:start] + b"\xff" * 8 + package[start + 8 :]
 
 
 def edited(old: str, new: str) -> bytes:
-    """Return the package of one object, its model part changed."""
+    """Return the package of one object, with an edit of its model part."""
     return threemf(WHOLE.replace(old, new))
 
 
@@ -168,7 +168,7 @@ COARSE = '<PolygonalLOD accuracy="{}"><Faces>{}</Faces></PolygonalLOD>'
 def test_each_face_of_3dxml_is_read_once_and_the_finest_level_alone(
     content: str, finest_is_own: bool, tmp_path: Path
 ) -> None:
-    """The second reader reads a representation's own faces alone."""
+    """The second reader reads only the faces of the representation itself."""
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]])  # of `threedxml`
     plain = points[[[0, 1, 2], [0, 1, 2], [1, 3, 2], [0, 1, 4], [0, 1, 2], [0, 2, 3]]]
     turned = plain @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 6, 7]

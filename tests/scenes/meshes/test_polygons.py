@@ -1,4 +1,4 @@
-"""Polygons cut into triangles: exactly their surface, whatever their shape and plane."""
+"""Triangulation of polygons of any shape and plane covers exactly their surface."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -13,7 +13,7 @@ from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
 
-ROUNDING = 1e-9  # relative: some hundred operations of doubles on coordinates of one size
+ROUNDING = 1e-9  # relative: about a hundred operations of doubles on coordinates of one size
 SETTINGS = examples(200)
 
 
@@ -22,7 +22,7 @@ def refused(polygon: int, reason: str) -> InputError:
 
 
 def cut(points: Floats, *polygons: Sequence[int]) -> Indices:
-    """Return the triangles of polygons (all points in turn if none are listed) as indices."""
+    """Return the triangles of polygons as indices; without a list, all points form one polygon."""
     rings = polygons or (range(len(points)),)
     corners, counts = np.concatenate(rings), np.array([len(ring) for ring in rings])
     return np.asarray(corners[cut_polygons(points, corners, counts, refused)])
@@ -45,7 +45,7 @@ def crosses_of(triangles: Floats) -> Floats:
 
 @st.composite
 def star_shaped(draw: st.DrawFn) -> Floats:
-    """Draw a polygon (n, 3) that is seen whole from the origin: concave at every short radius."""
+    """Draw a polygon (n, 3) that is visible from the origin as a whole, with concave corners."""
     radii = draw(st.lists(st.floats(0.05, 1.0), min_size=4, max_size=24))
     return np.roll(circle(len(radii), np.array(radii)), draw(st.integers(0, 23)), axis=0)
 
@@ -62,7 +62,7 @@ def test_triangles_cover_a_polygon_once_and_face_its_normal(
     axes, _ = np.linalg.qr((np.array(turn) + np.arange(6) ** 2 / 7).reshape(3, 2))
     points = ring[:, :2] @ axes.T + shift
     crosses = crosses_of(points[cut(points)])
-    # Twice the area vector of the polygon, by Newell's sum over its edges.
+    # Twice the vector area of the polygon, by Newell's sum over its edges
     shape = points - points[0]
     whole = np.cross(shape, np.roll(shape, -1, axis=0)).sum(axis=0)
     size = np.linalg.norm(whole)
@@ -76,7 +76,7 @@ def test_triangles_cover_a_polygon_once_and_face_its_normal(
 @SETTINGS
 @given(ring=star_shaped(), halves=st.integers(1, 3))
 def test_corners_on_straight_edges_stay(ring: Floats, halves: int) -> None:
-    """Neighbors share these corners: without them, rays would pass between."""
+    """Neighbors share these corners: without them, rays would pass between the polygons."""
     shares = np.arange(halves)[:, None] / halves
     points = (ring[:, None] + (np.roll(ring, -1, axis=0) - ring)[:, None] * shares).reshape(-1, 3)
     triangles = cut(points)

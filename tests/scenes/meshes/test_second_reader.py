@@ -1,4 +1,4 @@
-"""Both readers agree on every mesh file of the repository and of ../shared, or both refuse it.
+"""Both readers agree on every mesh file of the repository and of ../shared.
 
 `python -m tests.second_reader FILE..` prints the table for any files.
 """
@@ -21,9 +21,9 @@ from tests.second_reader.random_obj import random_obj
 from tests.support.long_tail import thinned
 
 CHECKOUT = Path(__file__).resolve().parents[3]
-LARGE = 1_000_000  #: bytes: files above it are compared with the slow tests
+LARGE = 1_000_000  #: size above which files are compared only by the slow tests, bytes
 
-#: Shapes written plainly, and files with a feature.
+#: Plain shapes, and files of the same shapes with a feature
 TWINS = {
     "letter_triangles.obj": "letter_ngon.obj letter_ngon.off letter_ngon.ply",
     "three_blocks_absolute.obj": "three_blocks.obj",
@@ -62,9 +62,9 @@ def test_both_readers_agree(path: Path) -> None:
     [(plain, twin) for plain, names in TWINS.items() for twin in names.split()],
 )
 def test_twins_have_equal_triangles(plain: str, feature: str) -> None:
-    """Each file by its polygons, the plain one by both readers."""
+    """The second reader reads the file with the feature; the product reads both files."""
     reading, triangles = read(INPUTS / feature), product_triangles(INPUTS / plain)
-    # Either file may store a number in float32 that the other states exactly.
+    # One file may store a number in float32 that the other states exactly.
     reading.rounding += 2.0**-24 * float(np.abs(triangles).max())
     assert difference(triangles, reading) is None
     assert difference(product_triangles(INPUTS / feature), reading) is None

@@ -1,4 +1,4 @@
-"""OBJ, OFF, PLY and STL as exporters write them: right triangles, or one line with the reason."""
+"""OBJ, OFF, PLY and STL as exporters write them: right triangles, or a one-line error."""
 
 import re
 import struct
@@ -48,7 +48,7 @@ OFF = f"OFF\n4 4 6\n{OFF_POINTS}{OFF_FACES}"
 
 
 def off(kind: str, more: str, points: str = OFF_POINTS) -> str:
-    """Return an OFF file with a header `kind` and the numbers `more` added to each vertex."""
+    """Return an OFF file with header `kind`, and with the numbers `more` added to each vertex."""
     return f"{kind}\n4 4 6\n{points.replace(chr(10), f' {more}{chr(10)}')}{OFF_FACES}"
 
 
@@ -94,7 +94,7 @@ def ply(
     corners: Floats = CORNERS,
     faces: tuple[tuple[int, ...], ...] = FACES,
 ) -> bytes:
-    """Return a PLY file with some types of coordinates, counts and indices, and an element edge."""
+    """Return a PLY file with some types of coordinates, counts and indices, and an edge element."""
     names = dict(zip(("point", "count", "index"), types.split(), strict=True))
     point, count, index = (CODES[name] for name in names.values())
     rows: list[tuple[str, tuple[float, ...]]] = [
@@ -137,7 +137,7 @@ def stl(corners: Floats = SOUP, header: bytes = b"") -> bytes:
 
 
 def stl_text(corners: Floats = SOUP, name: str = "") -> str:
-    """Return one solid of a text STL file."""
+    """Return a text STL file of one solid."""
     facets = ""
     for triangle in corners.tolist():
         vertices = "\n".join("    vertex {!r} {!r} {!r}".format(*corner) for corner in triangle)
@@ -182,7 +182,7 @@ def test_coordinates_of_a_survey_keep_every_bit(name: str, tmp_path: Path) -> No
 
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
-#: Line 5 of a file, or lines from it on, and the refusal.
+#: Replacement of a file's line 5, or of all lines from 5, and the error
 OBJ_REFUSED = r"""
 f 0 1 2: line 5: a corner has an index of 0
 f 1 2 5: line 5: faces point past the vertices, of which the file has 4: index 5; export
@@ -291,7 +291,7 @@ def test_shared_files_are_refused_by_name(name: str, reason: str) -> None:
 
 
 def turned_facets() -> bytes:
-    """Return facets whose first normal opposes the winding, and whose second has a color."""
+    """Return facets: the first normal opposes the winding, and the second facet has a color."""
     data = bytearray(stl())
     struct.pack_into("<3f", data, 84, 0, 0, 1)
     struct.pack_into("<H", data, 84 + 50 + 48, 5)
@@ -327,16 +327,16 @@ def test_features_that_are_not_drawn_are_listed(
 
 
 def test_values_at_corners_are_those_of_the_file(tmp_path: Path) -> None:
-    """Texture coordinates, normals of any length and colors of one corner, by its place."""
+    """Each corner keeps its texture coordinates, normal of any length, and color."""
     statements = "vt 0.25 0.5\nvt 1\nvn 0 3 4\nvn 0 0 0\nf 1/1/1 2/2/2 3/1/1\n"
-    colored = SQUARE.replace("0 0 0", "0 0 0 1 0 0.5")  # one vertex; others are listed, and white
+    colored = SQUARE.replace("0 0 0", "0 0 0 1 0 0.5")  # only one vertex has a color
     mesh = load_mesh(written(tmp_path, "a.obj", colored + statements))
     first, second = (mesh.vertices.tolist().index(corner) for corner in ([0, 0, 0], [1, 0, 0]))
     assert mesh.vertex_normals is not None and mesh.vertex_colors is not None
     assert mesh.uv is not None and mesh.uv[[first, second]].tolist() == [[0.25, 0.5], [1.0, 0.0]]
     assert mesh.vertex_normals[first].tolist() == [0, 0.6, 0.8]
     assert np.isnan(mesh.vertex_normals[second]).all()
-    half = ((0.5 + 0.055) / 1.055) ** 2.4  # of sRGB, linear
+    half = ((0.5 + 0.055) / 1.055) ** 2.4  # sRGB to linear
     np.testing.assert_allclose(mesh.vertex_colors[[first, second]], [[1, 0, half], [1, 1, 1]])
     mesh = load_mesh(written(tmp_path, "a.off", off("CNOFF", "0 3 4 255 0 0 255")))
     assert mesh.vertex_normals is not None and mesh.vertex_colors is not None
@@ -380,7 +380,7 @@ f 2 3 4
 
 
 def test_faces_of_ply_have_texture_coordinates_of_their_own(tmp_path: Path) -> None:
-    """Two squares share an edge, and have other coordinates there; v is up."""
+    """Two squares share an edge, with different texture coordinates; v points up."""
     file = """\
 ply
 format ascii 1.0

@@ -1,4 +1,4 @@
-"""Meaningless arguments are refused at once, with one line that names them."""
+"""Invalid arguments are refused at once, with one line that names them."""
 
 import itertools
 import math
@@ -20,13 +20,13 @@ NONSENSE: tuple[Any, ...] = (
     *("banana", b"1", "1", None, True, math.nan, math.inf, -math.inf, -1.0, [], {}, object()),
     *((1.0,), (1.0, math.nan), ("a", "b"), (1, 2, 3, 4), np.nan),
 )
-"""Values that are neither a positive number nor a pair nor a triple nor a name."""
+"""Values that are neither a positive number nor a pair, a triple or a name."""
 
 PLATE = Plate(size=(8, 6), hogels=(3, 3))
 FRUSTUM = Frustum(resolution=(8, 6), reach=(10, 20), fov=(1.0, 1.0))
 SHEET = SceneObject(name="sheet", vertices=np.eye(3), faces=np.array([[0, 1, 2]]))
 
-#: Classes, arguments that are meant, and the names of fields that take no nonsense.
+#: Classes, valid arguments, and names of fields that reject all values of `NONSENSE`
 MAKERS: tuple[tuple[Callable[..., object], dict[str, Any], str], ...] = (
     (DoubleFrustum, {"near": 0.1}, "near depth mapping camera pivot offset slabs"),
     (Frustum, vars(FRUSTUM), "resolution reach fov screen"),
@@ -46,7 +46,7 @@ MAKERS: tuple[tuple[Callable[..., object], dict[str, Any], str], ...] = (
         "plate frustum appearance sampling transport",
     ),
 )
-#: Values that these fields take, although they are nonsense for all others.
+#: Values that are valid for these fields but nonsense for all others
 MEANT: dict[str, Callable[[Any], bool]] = {
     "slabs": lambda value: value in ([], {}) or value in ((1.0,), (1, 2, 3, 4)),
     "screen": lambda value: value is None,
@@ -78,7 +78,7 @@ WRONG: dict[str, tuple[type, str, tuple[Any, ...]]] = {
 
 
 @pytest.mark.parametrize("message", WRONG)
-def test_what_a_value_must_be_is_told(message: str) -> None:
+def test_errors_state_the_valid_values(message: str) -> None:
     make, name, values = WRONG[message]
     for value in values:
         with pytest.raises(InputError, match=message):
@@ -86,13 +86,13 @@ def test_what_a_value_must_be_is_told(message: str) -> None:
 
 
 def test_names_are_taken_as_on_the_command_line_and_refused_with_what_would_do() -> None:
-    """A name equals the member of its enumeration; drawing uses members alone."""
+    """A name equals the member of its enumeration; drawing code uses only members."""
     names: Any = {"depth": "d32f", "mapping": "reversed", "pivot": "camera", "fit": "screen"}
     named = DoubleFrustum(near=0.1, **names)
     assert (named.depth, named.mapping) == (DepthFormat.D32F, DepthMapping.REVERSED)
     assert named.fit == Fit.SCREEN and named.pivot is Pivot.CAMERA
     with pytest.raises(InputError, match="pivot must be one of aperture, camera, not 'banana'"):
-        DoubleFrustum(near=0.1, pivot="banana")  # type: ignore[arg-type]  # that is the point
+        DoubleFrustum(near=0.1, pivot="banana")  # type: ignore[arg-type]  # deliberately wrong
 
 
 def test_counts_are_not_cut_down_to_whole_numbers() -> None:

@@ -1,4 +1,4 @@
-"""The effects that a scene calls for: each is turned on and off by the one fact that decides it."""
+"""The effects that a scene needs: one fact turns each of them on and off."""
 
 from dataclasses import replace
 from typing import Any
@@ -115,7 +115,7 @@ def test_effects_are_chosen_by_name() -> None:
 @examples(50)
 @given(
     heights=st.lists(
-        # Coordinates below 1e-75 that are not zero are refused.
+        # Nonzero coordinates below 1e-75 are refused.
         st.floats(-25, 15).map(lambda z: z if abs(z) > 1e-30 else 0.0),
         min_size=1,
         max_size=4,
@@ -139,7 +139,7 @@ def test_slabs_follow_each_other_and_together_have_every_triangle_within_the_rea
         assert slab.triangles == sum(low <= z <= high for z in heights)
 
 
-def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
+def test_the_plan_lists_cameras_slabs_passes_samples_and_tracer() -> None:
     world = replace(
         scene(material=MIRROR, environment=SKY),
         sampling=Sampling(supersample=3, aperture=5),
@@ -162,7 +162,7 @@ def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
 
 
 def test_effects_state_what_bounds_the_errors_at_each_depth() -> None:
-    """A sheet 5 behind the plate, through an aperture of pitch 1, with 16 pixels over 1 radian."""
+    """A sheet 5 behind the plate, an aperture of pitch 1, and 16 pixels over 1 radian."""
     plan = scene_effects(scene(), settings=DoubleFrustum(near=0.1))
     depths = plan.depths
     blur = 1 / 5 * 16 / (2 * np.tan(0.5))
@@ -172,7 +172,7 @@ def test_effects_state_what_bounds_the_errors_at_each_depth() -> None:
     assert (row["nearest"], row["farthest"], row["shear_px"]) == (5.0, 5.0, 0.0)
     assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1)
     np.testing.assert_allclose(row["blur_px"], blur)
-    # In the second slab nothing moves, and its camera in the aperture orders up to the reach.
+    # The second slab displaces nothing; its camera in the aperture orders depths up to the reach.
     cut = DoubleFrustum(near=0.1, slabs=(4.0,))
     [row] = scene_effects(scene(), settings=cut).depths["rows"]
     separation = smallest_separation(np.array([5.0]), 4.0, 20.0, cut.depth, cut.mapping)
@@ -181,8 +181,7 @@ def test_effects_state_what_bounds_the_errors_at_each_depth() -> None:
     assert moved == pytest.approx(depths["tolerance_px"])
     assert depths["contrast"] == pytest.approx(0.7) and depths["sub_apertures"] == 8192
     levels = {entry["sub_apertures"]: entry["levels"] for entry in depths["band_errors"]}
-    # A blur of more than a pixel: without band limiting half the contrast, else the points'
-    # discrepancy.
+    # A blur of over a pixel: without band limiting half the contrast, else the points' discrepancy
     assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(
         0.7 * 255 * 0.0329
     )

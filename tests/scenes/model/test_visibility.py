@@ -1,4 +1,4 @@
-"""Visible surfaces: no surface of the truth is missed, and unseen scenes are refused."""
+"""Visible surfaces: no surface of the truth is missed, and invisible scenes are refused."""
 
 import math
 from pathlib import Path
@@ -69,7 +69,7 @@ def write(folder: Path, scale: float, translate: list[float], name: str = "scene
 
 
 def triangles(seed: int, count: int, size: float) -> np.ndarray:
-    """Triangles of some size strewn over more than the frusta hold."""
+    """Return triangles of some size, scattered over more than the frusta contain."""
     random = np.random.default_rng(seed)
     return random.uniform(-13, 13, (count, 1, 3)) + random.normal(0, size, (count, 3, 3))
 
@@ -82,14 +82,14 @@ def scene_object(corners: object) -> SceneObject:
 @FRUSTA
 @pytest.mark.parametrize("size", [0.3, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_surfaces_of_the_truth_are_in_view(frustum: Frustum, size: float) -> None:
-    """Many objects in view show, so that the test is no constant."""
+    """Many visible objects appear in the image, so that the test is not trivial."""
     scene = soup(triangles(5, 60, size), frustum)
     shown, claimed = set(), set()
     for index in ((8, 8), (0, 0), (15, 3)):
         aperture = scene.plate.aperture(*index)
         here = ((aperture.x, aperture.x), (aperture.y, aperture.y))
         region = Region(frustum=frustum, apertures=here, reach=frustum.reach)
-        # Each triangle alone, for in view is what could be seen if nothing hid it.
+        # Use each triangle alone: in view means visible if nothing occluded it.
         for number, corners in enumerate(scene.triangles):
             part = scene_object(corners)
             if region.shows(part):
@@ -105,7 +105,7 @@ def test_surfaces_of_the_truth_are_in_view(frustum: Frustum, size: float) -> Non
 
 @FRUSTA
 def test_apertures_that_may_draw_something_are_counted_with_none_left_out(frustum: Frustum) -> None:
-    """An offset camera sees more than the truth: its hogels include the truth's, out of view."""
+    """Offset cameras image more than the truth: the truth's hogels are a subset of theirs."""
     plate = Plate(size=(16.0, 16.0), hogels=(6, 6))
     drawn, only_drawn = 0, 0
     for corners in triangles(5, 4, 0.3):
@@ -159,7 +159,7 @@ def test_shares_of_a_surface_between_heights_add_up(
     triangle = np.array(corners).reshape(1, 3, 3)
     ends = ((low, high), (low, middle), (middle, high))
     whole, lower, upper = (float(share_between(triangle, *pair)[0]) for pair in ends)
-    if np.ptp(triangle[..., 2]) == 0:  # the flat object lies in the cut, and counts on either side
+    if np.ptp(triangle[..., 2]) == 0:  # a flat object in the cut is counted on either side
         assert whole == max(lower, upper)
     else:
         assert abs(whole - lower - upper) < 1e-9 and 0 <= whole <= 1
@@ -170,7 +170,7 @@ def test_half_way_up_a_triangle_lies_a_quarter_of_its_surface() -> None:
     for triangle, upper in ((upright, 0.25), (upright * (1, 1, -1) + (0, 0, 2), 0.75)):
         assert share_between(triangle, 1.0, 2.0)[0] == pytest.approx(upper)
         assert share_between(triangle, -9.0, 1.0)[0] == pytest.approx(1 - upper)
-    flat = upright * (1, 1, 0)  # a cut at its height counts it on either side
+    flat = upright * (1, 1, 0)  # a flat triangle at the height of a cut is counted on either side
     shares = [share_between(flat, *ends)[0] for ends in ((0, 1), (-1, 0), (0.1, 1))]
     assert shares == [1, 1, 0]
 
@@ -227,7 +227,7 @@ def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
 def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Equal slices of a sphere have equal areas: between 50 and 170 behind, 20 of 120 is 1/6."""
+    """Equal slices of a sphere have equal areas: from 50 to 170 behind, 20 of 120 are 1/6."""
     scene = write(tmp_path, 120.0, [0.0, 0.0, -110.0])
     assert main(["trace", scene, "--out", str(tmp_path / "out.exr"), "--quiet"]) == 0
     error = capsys.readouterr().err

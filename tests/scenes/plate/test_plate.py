@@ -1,4 +1,4 @@
-"""The plate's apertures, by the formula of CONVENTIONS.md, "Frames"."""
+"""The plate's apertures, by the formulas of CONVENTIONS.md, "Frames"."""
 
 from itertools import islice
 from pathlib import Path
@@ -23,7 +23,7 @@ def test_row_zero_is_at_the_top_and_the_middle_of_an_even_plate_beside_the_origi
 
 
 @pytest.mark.parametrize("index", [(-1, 0), (0, -1), (4, 0), (0, 2)])
-def test_an_aperture_outside_the_plate_is_an_error_that_says_where_it_ends(
+def test_an_aperture_outside_the_plate_is_an_error_with_the_plates_size(
     index: tuple[int, int],
 ) -> None:
     with pytest.raises(InputError, match="columns run from 0 to 3, rows from 0 to 1"):
@@ -72,7 +72,7 @@ def test_a_plate_of_ten_thousand_million_hogels_is_gone_through_without_a_list()
         apertures[10**10]
 
 
-def test_a_scene_file_with_more_hogels_than_anybody_makes_names_the_option(tmp_path: Path) -> None:
+def test_a_scene_file_with_too_many_hogels_names_the_option(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(
         "[plate]\nsize = [1.0, 1.0]\nhogels = [100000, 100000]\n"
