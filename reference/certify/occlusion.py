@@ -34,7 +34,7 @@ from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Planes, Triangl
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.reference.rays.integers import meet
-from xfrustum.reference.rays.rays import RAYS_AT_ONCE, ExactMesh
+from xfrustum.reference.rays.rays import RAYS_AT_ONCE, Candidates, ExactMesh
 from xfrustum.reference.rays.walk import Rays
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
@@ -53,19 +53,6 @@ class SurfacePoints:
     def __getitem__(self, some: slice) -> "SurfacePoints":
         """Return a slice of the points."""
         return SurfacePoints(**{name: values[some] for name, values in vars(self).items()})
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Pairs:
-    """Pairs (K,) of a point and another triangle that its line meets, possibly or certainly."""
-
-    point: Indices
-    triangle: Indices
-    sure: Mask
-
-    def __getitem__(self, chosen: Mask) -> "_Pairs":
-        """Return the pairs of a mask."""
-        return _Pairs(**{name: values[chosen] for name, values in vars(self).items()})
 
 
 class Occlusion:
@@ -92,28 +79,29 @@ class Occlusion:
     def _hidden(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
         pairs = self._pairs(bundle, points)
         behind = np.zeros(len(points.position), dtype=np.bool_)
-        if not len(pairs.point):
+        if not len(pairs.ray):
             return behind
         beyond, within = self._off_planes(points, pairs)
-        behind[pairs.point[pairs.sure & beyond]] = True
+        behind[pairs.ray[pairs.sure & beyond]] = True
         # Only points that no triangle certainly hides need rational arithmetic.
-        left = pairs[~within & ~behind[pairs.point]]
-        met = self._hides(bundle, points, left.point, left.triangle)
-        behind[left.point[met]] = True
+        left = pairs[~within & ~behind[pairs.ray]]
+        met = self._hides(bundle, points, left.ray, left.triangle)
+        behind[left.ray[met]] = True
         return behind
 
-    def _pairs(self, bundle: RayBundle, points: SurfacePoints) -> _Pairs:
+    def _pairs(self, bundle: RayBundle, points: SurfacePoints) -> Candidates:
         """Return the pairs of points and other triangles that may be in front of them."""
         with recording():
-            met = self._mesh.candidates_of(_lines_to(self._mesh, bundle, points))
-        # Error bounds exceed the errors, so that a hit certainly within the closed range is before
-        # its end.
-        pairs = _Pairs(point=met.ray, triangle=met.triangle, sure=met.sure)
-        pairs = pairs[points.triangle[pairs.point] != pairs.triangle]
-        # Doubles leave open every line that meets a triangle in the center itself, at s = 0.
+            # Error bounds exceed the errors, so that a hit certainly within the closed range is
+            # before its end.
+            pairs = self._mesh.candidates_of(_lines_to(self._mesh, bundle, points))
+        pairs = pairs[points.triangle[pairs.ray] != pairs.triangle]
+        # Doubles leave open every line that meets a triangle in the center itself, at s = 0. A line
+        # in the triangle's plane, whose error is infinite, does not meet it.
         exact = ExactPencil(self._triangles.corners, bundle)
-        depth = bundle.center[2] - points.position[pairs.point, 2]
-        through = (depth > points.tolerance[pairs.point]) & (bundle.s_range[0] <= 0)
+        depth = bundle.center[2] - points.position[pairs.ray, 2]
+        through = (depth > points.tolerance[pairs.ray]) & (bundle.s_range[0] <= 0)
+        through &= np.isfinite(pairs.error)
         for number in np.unique(pairs.triangle[through & ~pairs.sure]).tolist():
             corners = self._triangles.corners[number] - bundle.center
             touches = (corners.min(axis=0) <= 0).all() and (corners.max(axis=0) >= 0).all()
@@ -121,15 +109,15 @@ class Occlusion:
                 pairs.sure[through & (pairs.triangle == number)] = True
         return pairs
 
-    def _off_planes(self, points: SurfacePoints, pairs: _Pairs) -> tuple[Mask, Mask]:
+    def _off_planes(self, points: SurfacePoints, pairs: Candidates) -> tuple[Mask, Mask]:
         """Return masks of points certainly off the triangles' planes, and certainly not off them.
 
         A point P is off a plane if its distance exceeds its tolerance t: |(p_0 - P) . n| > t
         |n|.
         """
         with recording():
-            position = vectors_on_device(points.position[pairs.point])
-            tolerance = on_device(points.tolerance[pairs.point])
+            position = vectors_on_device(points.position[pairs.ray])
+            tolerance = on_device(points.tolerance[pairs.ray])
             corners = self._triangles.points(UInt32(on_device(pairs.triangle)))
             planes = Planes.from_points(corners, position, False)
             # The rounding bounds of n's coordinates bound the error of |n|.

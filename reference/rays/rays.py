@@ -337,9 +337,12 @@ class ExactMesh:
             [dr.gather(Float64, values, ray) for values in vector]
             for vector in (rays.origin, rays.direction, rays.ends)
         )
-        examined = meetings(self._corners.points(triangle), origin, direction, ends)
-        dr.eval(*examined)
-        return examined
+        t, error, sure, possible = meetings(self._corners.points(triangle), origin, direction, ends)
+        # A walk without pairs returns one of any ray, which `_from_afar` may return too.
+        walked = ~dr.gather(Bool, rays.missing, ray)
+        sure, possible = sure & walked, possible & walked
+        dr.eval(t, error, sure, possible)
+        return t, error, sure, possible
 
     def _filtered(self, batch: RayBatch) -> tuple[Indices, Floats, Indices, Indices]:
         """Return first triangles and t where doubles prove them, and the pairs of other rays.

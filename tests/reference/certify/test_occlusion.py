@@ -147,6 +147,20 @@ def test_a_sheet_does_not_hide_its_own_points_however_fine_it_is(
     assert not hidden(corners, crossed_frustum(FRUSTUM, at(0.0, y)), points, FRUSTUM).any()
 
 
+def test_a_line_in_the_plane_of_a_triangle_about_the_aperture_does_not_meet_it() -> None:
+    """A point a rounding off the plane, whose direction is rounded into the plane."""
+    x, s = 1.9, 1.25
+    y = np.nextafter(x, 2.0)
+    assert x / s == y / s
+    corners = np.array([[[x, x, -s], [-4.0, -4.0, -1.0], [-4.0, -4.0, 7.0]]])
+    points = surface_points(np.array([[x, y, -s]]), NOTHING, 0.0)
+    bundle = crossed_frustum(FRUSTUM, at(0.0, 0.0))
+    assert not hidden(corners, bundle, points, FRUSTUM).any()
+    # Beside the plane lines meet the triangle in the aperture.
+    points = surface_points(np.array([[x, y + 1e-9, -s]]), NOTHING, 0.0)
+    assert hidden(corners, bundle, points, FRUSTUM).all()
+
+
 def test_many_layers_hide_what_lies_behind_them() -> None:
     """The number of pairs exceeds the initial capacity."""
     layer = np.array([[-90.0, -90, 0], [90, -90, 0], [0, 180, 0]])

@@ -155,6 +155,17 @@ def test_rays_from_afar_meet_the_same_triangles(distance: float) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(every, all_afar, strict=True))
 
 
+@pytest.mark.parametrize("distance", [2.0, 1e14])
+def test_a_ray_alone_meets_no_triangle_twice(distance: float, box: trimesh.Trimesh) -> None:
+    """Triangle 0 inside, and at its edge in doubt; from afar the walk returns no pair."""
+    ray, away = ExactIntersector(box), box.face_normals[0] * distance
+    for place in (box.triangles[0].mean(axis=0), box.triangles[0, :2].mean(axis=0)):
+        first = ray.first([place + away], [-away])
+        assert first.triangle.tolist() == [0] and not len(first.ties)
+        numbers = ray.intersects_id([place + away], [-away])[0].tolist()
+        assert numbers.count(0) == 1 and len(numbers) == len(set(numbers)) > 1
+
+
 def test_trimesh_uses_the_exact_intersector(box: trimesh.Trimesh) -> None:
     assert box.contains([[0, 0, 0], [0, 0, 0.5], [0, 0, 0.6]]).tolist() == [True, False, False]
 
