@@ -1,4 +1,4 @@
-"""Blocks made by this process, by processes of this machine, by a Dask cluster, or in parts."""
+"""Blocks of work: made by one process, by local processes, by a Dask cluster, or in parts."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give a scheduler a minute to answer: it starts beside other tests."""
+    """Allow a scheduler one minute to answer, as it starts beside other tests."""
     monkeypatch.setattr(blocks, "CONNECT_S", 60)
 
 
@@ -103,7 +103,7 @@ def test_processes_make_the_same_bytes_and_nothing_of_them_listens(
         thread.join()
         assert workers.count == 2
         assert workers.ask(job, process_of) in {process for _, process in made(tmp_path)}
-        # A worker's refusal is reported in its words.
+        # An error of a worker is printed with its message.
         with pytest.raises(InputError, match=r"^a bad block; mend it$"):
             workers.run(ToyJob.at(tmp_path / "bad", bad=5), NUMBERS, len(NUMBERS))
     assert doors == [] and named == []
@@ -216,7 +216,7 @@ def devices_of(session: ToySession, number: int) -> tuple[str | None, str | None
 def test_processes_draw_and_trace_on_the_devices_of_their_engine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """CUDA counts cards in another order; the numbers that EGL returns need cards to be tested."""
+    """CUDA numbers cards in another order; only machines with cards can test EGL's numbers."""
     for variable in (DEVICE_VARIABLE, CUDA_VARIABLE):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(blocks, "_gpus", lambda: (2,))
@@ -229,13 +229,13 @@ def test_processes_draw_and_trace_on_the_devices_of_their_engine(
     with open_workers(Engine(workers=1), len(NUMBERS), draws=False) as workers:
         assert workers.ask(job, devices_of, 0)[0] is None
     assert DEVICE_VARIABLE not in os.environ
-    # As many calls as processes, before the first answer: each process answers one.
+    # As many calls as processes, sent before the first answer: each process answers one
     with open_workers(Engine(workers=2, devices=(3, 5)), len(NUMBERS)) as workers:
         answers = dict(answer for _, answer in workers.map(job, devices_of, range(2)))
     assert answers == {"3": "1", "5": None}
 
 
-# Parts of rows: whole as they were written, or made again.
+# Parts of a table: returned as written, or made again if damaged
 
 ROWS = pa.table({"column": [1, 2, 3], "value": [0.5, None, 1.5], "word": ["a", None, "c"]})
 

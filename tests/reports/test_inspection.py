@@ -1,4 +1,4 @@
-"""Inspection pages have the values of the OpenEXR files at wrong pixels, of every command."""
+"""Inspection pages of all commands show the values of the OpenEXR files at wrong pixels."""
 
 import io
 import json
@@ -38,14 +38,14 @@ SETTING = ("--near", "4", "--depth", "d24")  # displaces points by several pixel
 
 
 def exr_channels(path: Path) -> dict[str, Any]:
-    """Return the channels of an OpenEXR file, read without our own reader."""
+    """Return the channels of an OpenEXR file, read without the package's reader."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
         return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report, a verification of the rasterizer's own files, and a survey, of one near offset."""
+    """Return a folder with a report, a verification of rasterized files, and a survey."""
     folder = tmp_path_factory.mktemp("inspected")
     scene = folder / "parts.toml"
     scene.write_text(SCENE)

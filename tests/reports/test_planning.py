@@ -1,4 +1,4 @@
-"""`xfrustum plan`: its JSON object, its page, and the commands that it names."""
+"""`xfrustum plan`: its JSON object, its page, and its commands."""
 
 import json
 import shlex
@@ -79,7 +79,7 @@ def test_the_text_ends_in_a_command_that_draws_so(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Coarse depth needs cuts for sheets so close: depth binds, and the frusta are split."""
+    """Coarse depth needs cuts for sheets this close: depth binds, and the frusta are split."""
     options = "--depth d16 --mapping standard --aperture 2,2 --separation 0.01 --quiet"
     assert main(["plan", small_scene, *options.split()]) == 0
     text = capsys.readouterr().out
@@ -87,7 +87,7 @@ def test_the_text_ends_in_a_command_that_draws_so(
     assert command[:2] == ["xfrustum", "raster"] and "--slabs" in command
     words = " ".join(text.split())
     assert "one pair of frusta is not enough" in words and "binds" in text
-    # Both largest nears state their frusta.
+    # Both largest near offsets come with their frusta.
     assert "In one pair a displacement of 0.5 px allows near up to" in words
     assert "With these cuts near may be up to" in words
     monkeypatch.chdir(tmp_path)
@@ -95,7 +95,7 @@ def test_the_text_ends_in_a_command_that_draws_so(
 
 
 def test_a_near_below_the_limit_of_displacement_states_the_wrong_surfaces(small_scene: str) -> None:
-    """Traced cameras count wrong surfaces too, which the closed form of displacement omits."""
+    """Traced cameras also count wrong surfaces, which the closed form of displacement omits."""
     scene = open_scene(small_scene)
     report = planning.plan(scene, [scene.plate.aperture(2, 1)])
     limits, outcome = report.plan.limits, report.plan.outcome

@@ -30,11 +30,11 @@ CONTRACT = {
     "tried",
     "conformance-list": "suite cases",
 }
-"""Keys that a record always has, by its name."""
+"""Keys that each record always has, by name of the record."""
 
 
 def objects(schema: Any) -> list[dict[str, Any]]:
-    """Return all schemas of objects with properties within a schema."""
+    """Return the schemas of all objects with properties inside a schema."""
     if isinstance(schema, list):
         return [item for part in schema for item in objects(part)]
     if not isinstance(schema, dict):
@@ -44,7 +44,7 @@ def objects(schema: Any) -> list[dict[str, Any]]:
 
 
 def json_commands(command: click.Command, name: str = "") -> Iterator[str]:
-    """Return the names of all commands with --json, as schemas have them."""
+    """Yield the names of all commands with --json, in the form that schemas use."""
     if isinstance(command, click.Group):
         context = click.Context(command)
         for part in command.list_commands(context):

@@ -1,4 +1,4 @@
-"""`--apertures auto`: statements of the commands on standard error, in JSON and on the page."""
+"""`--apertures auto`: output of the commands on standard error, in JSON and on the page."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from xfrustum.scenes import open_scene
 
 HOGELS = (8, 6)
 BALL = (12.0, 7.0, -3.3)
-"""Middle of a ball of radius 1.5 close behind one aperture; a box stands far behind the others."""
+"""Middle of a ball of radius 1.5 closely behind one aperture; a box is far behind the others."""
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_a_report_of_scouted_apertures_has_a_map_and_names_the_plan_of_the_plate
 def test_errors_of_a_cost_are_those_of_the_worst_aperture(
     scene: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Right behind the ball a large near displaces much more than in the middle."""
+    """Right behind the ball a large near offset displaces much more than in the middle."""
     monkeypatch.setattr(cost_module, "NEARS_PER_REACH", (1e-2,))
     rows, expected = [], auto_apertures(open_scene(scene)).apertures
     for words in (["--apertures", "auto"], []):

@@ -1,4 +1,4 @@
-"""Output, files and sources of hogels of the command `view`."""
+"""The command `view`: output, files, and sources of hogels."""
 
 import json
 import math
@@ -52,7 +52,7 @@ def run(command: str, folder: Path, *arguments: str) -> None:
 
 
 def printed(capfd: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> dict[str, Any]:
-    """Run `view --json` and return the object that it prints."""
+    """Run `view --json`; return the JSON object."""
     capfd.readouterr()
     run("view", folder, *arguments, "--json")
     result: dict[str, Any] = json.loads(capfd.readouterr().out)
@@ -61,7 +61,7 @@ def printed(capfd: pytest.CaptureFixture[str], folder: Path, *arguments: str) ->
 
 @pytest.fixture
 def drawn(folder: Path) -> list[dict[str, Any]]:
-    """Return the losses of two eyes by hogels that were drawn on demand."""
+    """Return the losses of two eyes, with hogels drawn on demand."""
     eyes: list[dict[str, Any]] = json.loads((folder / "fly" / "view.json").read_text())["eyes"]
     return eyes
 
@@ -128,11 +128,11 @@ def test_image_files_are_judged_by_the_channels_that_they_have(
         result, expected = item["renderer"], other["renderer"]
         if encoding == "rgb":
             assert result["wrong"] == expected["wrong"]
-            # Positions in files are single precision.
+            # Files store positions in single precision.
             p99 = expected["displacement_arcmin"]["p99"]
             assert result["displacement_arcmin"]["p99"] == pytest.approx(p99, rel=1e-3)
         else:
-            # Triangle numbers do not locate a point on its triangle.
+            # Triangle numbers do not determine the visible point of a triangle.
             assert result["wrong"] <= expected["wrong"] and result["displacement_arcmin"] is None
 
 

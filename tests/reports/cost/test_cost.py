@@ -1,4 +1,4 @@
-"""The cost of accuracy: front, answers; no other way has less error for less time."""
+"""The cost of accuracy: Pareto front, recommendations, and confidence intervals of times."""
 
 import json
 import math
@@ -41,7 +41,7 @@ numbers = st.integers(1, 4).map(float)
 
 
 @given(st.lists(st.builds(option, numbers, numbers, numbers), min_size=1, max_size=12))
-def test_the_front_is_what_nothing_beats(options: list[Option]) -> None:
+def test_the_front_has_all_options_that_no_other_dominates(options: list[Option]) -> None:
     front = [way for way, best in zip(options, pareto(options), strict=True) if best]
     assert front
     assert not any(way.beats(other) for way in options for other in front)
@@ -101,8 +101,8 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     spread = Timing.from_values(values)
     low, high = spread.interval
     assert spread.lowest <= low <= spread.median <= high <= spread.highest
-    # The ends are the i-th smallest and largest of n distinct values: fewer than i heads of n, or
-    # of tails.
+    # The ends are the i-th smallest and largest of n distinct values: the median lies outside if n
+    # coin tosses show fewer than i heads, or fewer than i tails.
     ordered = Timing.from_values(range(len(values)))
     outside = int(ordered.interval[0])
     beyond = (
@@ -150,7 +150,8 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert printed["directions"]["refused"] is None and printed["directions"]["speeds"]["hogel_s"]
     stays = [row for row in printed["rows"] if row.get("offset") == "none"]
     assert len(stays) == len(cost_module.NEARS_WITHOUT_OFFSET_PER_REACH)
-    # Cameras in the aperture displace nothing: the rounding of positions is measured.
+    # Cameras in the aperture displace nothing: the measured displacement is the rounding of
+    # positions.
     assert all(row["error"]["displacement_p99_px"] < DISPLACEMENT_TIE_PX for row in stays)
     for row in printed["rows"]:
         assert set(row["error"]) == {"displacement_p99_px", "surface_fraction"}
@@ -161,7 +162,7 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert any(row["pareto"] for row in printed["rows"])
     assert [answer["tolerance_px"] for answer in printed["answers"]] == pytest.approx([0.5, 0.1])
     page = (tmp_path / "index.html").read_text()
-    # The answer stands before the first figure.
+    # The answer precedes the first figure.
     words = printed["answers"][0]["sentence"].split(":")[0].split(".")[0]
     assert words in page[: page.index('id="plot"')]
     assert json.loads((tmp_path / "cost.json").read_text())["answers"] == printed["answers"]

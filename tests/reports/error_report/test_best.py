@@ -1,4 +1,4 @@
-"""A report recommends a window of nears that no measurement separates, in a sentence."""
+"""A report recommends a window of near offsets that measurements cannot separate."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ GENERATOR = np.random.default_rng(7)
 
 
 def some(count: int, first: int = 0) -> Mask:
-    """Return a film with a number of set pixels, from a first one on."""
+    """Return a film with a number of consecutive set pixels, from a first one."""
     return np.isin(np.arange(PIXELS), np.arange(first, first + count))
 
 
@@ -49,7 +49,7 @@ def judged(
     depth: DepthFormat = DepthFormat.D24,
     **changes: Any,
 ) -> Measurement:
-    """Return a made-up row with its wrong pixels, a displacement, and perhaps wrong colors."""
+    """Return a synthetic row with wrong pixels, a displacement, and optionally wrong colors."""
     surface = some(surface) if isinstance(surface, int) else surface
     wrong = {"surface": surface} | ({} if color is None else {"radiance": color})
     share = SurfaceShare(wrong=int(surface.sum()), fraction=float(surface.mean()), outside=0)
@@ -85,7 +85,7 @@ def test_surfaces_come_first_and_displacement_decides_among_equal_ones() -> None
     assert [best_setting(rows).settings.near for rows, _ in cases] == [near for _, near in cases]
 
 
-def test_displacement_that_nobody_sees_does_not_decide_and_more_does() -> None:
+def test_only_visible_displacement_decides() -> None:
     rows = [judged(1e-4, 0, 0.004), judged(1e-3, 0, 0.09), judged(1e-2, 0, 0.7)]
     assert {row.near for row in equally_good(rows)} == {1e-4, 1e-3}
     assert {row.near for row in equally_good([rows[2], judged(3e-2, 0, 2.0)])} == {1e-2}
@@ -111,8 +111,8 @@ def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_
     assert len(equally_good([judged(1e-3, 0), judged(2e-3, FEW + 10)])) == 1
 
 
-def test_pixels_wrong_in_both_say_nothing_and_those_of_one_alone_decide() -> None:
-    """Forty pixels more decide where no other pixel differs, and are noise where a thousand do."""
+def test_only_pixels_wrong_with_one_setting_decide() -> None:
+    """Forty more wrong pixels count if no other pixel differs, and are noise if a thousand do."""
     worse = judged(2e-3, 540)
     assert len(equally_good([judged(1e-3, 500), worse])) == 1
     assert len(equally_good([judged(1e-3, GENERATOR.permutation(some(500))), worse])) == 2
@@ -122,7 +122,7 @@ def test_pixels_wrong_in_both_say_nothing_and_those_of_one_alone_decide() -> Non
     ("counts", "window"),
     [
         ({1e-4: 340, 5e-4: 64, 1e-3: 60, 2e-3: 70, 1e-2: 900}, (5e-4, 2e-3, 3)),
-        # A near that is worse parts a window in two, and the wider one counts.
+        # A worse near offset splits a window; the wider part counts.
         ({1e-5: 0, 1e-4: 0, 1e-3: 0, 1e-2: 500, 2e-2: 0}, (1e-5, 1e-3, 3)),
     ],
 )
@@ -135,7 +135,7 @@ def test_a_window_ends_where_more_pixels_are_wrong_beyond_chance(
     ]
     best = best_setting(rows)
     assert (best.window.low, best.window.high, best.window.nears) == window
-    # The near in the middle of the window, by ratio.
+    # The middle near offset of the window, by ratio
     assert best.settings.near == sorted(n for n in counts if window[0] <= n <= window[1])[1]
 
 
@@ -146,7 +146,7 @@ def test_of_depth_buffers_the_one_with_the_widest_window_is_best_and_else_the_fi
     windows = [(best.settings.depth, best.window.nears) for best in best_per_depth(rows)]
     assert windows == [(DepthFormat.D24, 1), (DepthFormat.D32F, 2)]
     assert best_setting([rows[1], rows[3]]).settings.depth == DepthFormat.D24
-    assert best_setting(rows).settings.near == 1e-2  # the larger of two in the middle
+    assert best_setting(rows).settings.near == 1e-2  # the larger of the two in the middle
 
 
 def test_colors_decide_where_a_scene_is_shaded_after_surfaces_and_before_displacement() -> None:

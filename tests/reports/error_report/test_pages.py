@@ -1,4 +1,4 @@
-"""Every page shows texts as texts, runs our own scripts and no others, and needs nothing else."""
+"""Pages show texts as text, run only scripts of the package, and load nothing."""
 
 import base64
 import hashlib
@@ -64,7 +64,7 @@ def test_a_page_allows_its_own_scripts_by_their_hashes_and_nothing_else(report_p
         for text in SCRIPT.findall(page)
     }
     assert own == set(re.findall(r"'sha256-([^']*)'", scripts)) and len(own) == 2
-    # No text of a scene becomes markup.
+    # Texts of a scene never become markup.
     assert "<img src=x" not in page and not re.search(r"<script>document", page)
 
 
@@ -79,7 +79,7 @@ def test_no_script_of_ours_turns_text_into_markup(script: Path) -> None:
 @pytest.mark.parametrize(
     "template", sorted(TEMPLATES.glob("[!_]*.html.j2")), ids=lambda path: path.name
 )
-def test_every_page_has_a_policy_and_no_script_that_it_does_not_know(template: Path) -> None:
+def test_every_page_has_a_policy_and_only_listed_scripts(template: Path) -> None:
     text = template.read_text()
     assert text.index("{{ policy() }}") < text.index("<title>")
     assert "<script" not in text
@@ -111,12 +111,12 @@ def test_a_browser_draws_the_plots_of_a_page_and_runs_nothing_else(
     assert "<td>displacement measured, px</td>" in shown.stdout
 
 
-def test_where_no_hogel_is_usable_page_and_junit_say_so_whatever_the_scene_is_called(
+def test_without_usable_hogels_page_and_junit_report_it_for_any_scene_name(
     scene: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = Path(scene).read_text().replace(r"\u0007", r"\u0007\u0000\uFFFE\u001B")
     Path(scene).write_text(text)
-    Path("0x0.png").write_text("no picture")  # the others are missing
+    Path("0x0.png").write_text("no picture")  # the other files are missing
     line = ["verify", scene, "{i}x{j}.png", "--quiet", "--out", "out", "--junit", "junit.xml"]
     assert main(line) == 1
     page = Path("out/index.html").read_text()

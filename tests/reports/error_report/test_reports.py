@@ -1,4 +1,4 @@
-"""The report: swept settings, numbers of its files, and files that are whole or absent."""
+"""The report: swept settings, numbers in its files, and files that are complete or absent."""
 
 import base64
 import io
@@ -40,7 +40,7 @@ QUICK = ReportOptions(nears=[1.0], depths=DEPTHS[:1])
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
-    """A report of a sheared frustum, hence of three apertures and both pivots."""
+    """Return a report of a sheared frustum, hence with three apertures and both pivots."""
     out = tmp_path_factory.mktemp("report") / "new" / "folder"
     options = ReportOptions(nears=NEARS, depths=DEPTHS)
     return make_report(view("asymmetric-recentered", (64, 48)), out, options)
@@ -109,7 +109,7 @@ def test_parquet_has_a_row_per_aperture_and_setting_with_predictions_and_causes(
         predicted, measured = row["predicted_displacement_px"], comparison["displacement_px"]
         assert ratios["displacement_rms"] == measured["rms"] / predicted["rms"]
         if row["settings"]["near"] == 0.015:
-            # Away from the limit of float32 the closed form and the pixels agree (docs/method.md).
+            # Above the limit of float32, the closed form and the pixels agree (docs/method.md).
             assert predicted["rms"] == pytest.approx(measured["rms"], rel=0.05)
 
 
@@ -161,7 +161,8 @@ PIVOTS = ReportOptions(pivots=list(Pivot), offsets=list(Offset))
     [
         ("car", ReportOptions(), "aperture plate"),
         ("car", ReportOptions(pivots=[Pivot.CAMERA]), "camera plate"),
-        # Cameras in the aperture draw the same with both pivots, and are measured with one.
+        # Cameras in the aperture draw equal images with both pivots, and are measured with one
+        # pivot.
         (
             "car-recentered",
             ReportOptions(offsets=list(Offset)),
@@ -206,7 +207,7 @@ def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_empty_scene_has_a_report_too(files: ReportFiles, tmp_path: Path) -> None:
-    """Its table has the columns and types of a full one, so that both can be read as one."""
+    """The empty table has the columns and types of a full one, so that both can be concatenated."""
     made = make_report(view("empty", (16, 16)), tmp_path / "out", QUICK)
     assert "there is nothing to judge" in made.sentence
     (row,) = made.content["rows"]

@@ -1,7 +1,7 @@
-"""Blender renders the crossed frustum with the script that `camera --for blender` writes.
+"""Blender renders the crossed frustum with the script from `camera --for blender`.
 
-The tests that need Blender use build/blender, which `make test-blender` makes, or the Python with
-the package bpy that XFRUSTUM_BLENDER_PYTHON names.
+Tests with Blender use build/blender, made by `make test-blender`, or the Python in
+XFRUSTUM_BLENDER_PYTHON, which must have the package bpy.
 """
 
 import io
@@ -37,7 +37,7 @@ needs_blender = pytest.mark.skipif(
 
 
 def written(folder: Path, name: str = "asymmetric-recentered") -> Scene:
-    """Write the script, the plate and the triangles of a small scene, and return it."""
+    """Write the script, the plate and the triangles of a small scene; return the scene."""
     scene = view(name, (64, 48))
     scene = replace(scene, frustum=replace(scene.frustum, resolution=(64, 48)))
     write_cameras(scene, "blender", folder)
@@ -70,7 +70,7 @@ def test_files_of_plain_python_are_read_by_libraries(tmp_path: Path) -> None:
         assert np.array_equal(render.exr_planes(content)[name], plane.astype(np.float32))
 
 
-def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_interrupted(
+def test_the_script_prints_mistakes_in_one_line_and_ends_with_130_when_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(*_: object) -> None:
@@ -90,13 +90,13 @@ def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_inte
     assert capsys.readouterr().err == "render.py: interrupted; repeat the command to continue\n"
     before = signal.getsignal(signal.SIGINT)
     pressed = render.interruptions()
-    signal.raise_signal(signal.SIGINT)  # is noted, and ends nothing by itself
+    signal.raise_signal(signal.SIGINT)  # is recorded, and does not end the script by itself
     signal.signal(signal.SIGINT, before)
     assert pressed == [signal.SIGINT]
 
 
 def run(folder: Path, arguments: str) -> str:
-    """Run the script in Blender, and return its output."""
+    """Run the script in Blender; return its output."""
     command = [str(BLENDER), str(folder / "render.py"), *shlex.split(arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
@@ -113,7 +113,7 @@ def test_blender_draws_the_crossed_frustum(name: str, tmp_path: Path) -> None:
     result = verify(scene, command=command, encoding="triangle-id", apertures=[(0, 0), (40, 30)])
     whole = result.as_found
     assert result.passed and result.diagnosis.faults == () and whole is not None
-    # Vertices and rays of 32 bits can differ at pixels within a millionth of an edge.
+    # With 32-bit vertices and rays, pixels within a millionth of an edge may differ.
     assert whole.wrong <= 2 and whole.shown > 500
 
 
@@ -154,7 +154,7 @@ def test_hogels_follow_the_empty_in_a_blend_file(tmp_path: Path) -> None:
     truth = Reference(scene).trace(scene.plate.aperture(5, 50))
     image = read_image(tmp_path / "hogel.exr", truth.camera)
     same = image.triangle == truth.triangle
-    # A scene that was moved has other roundings to 32 bits.
+    # A moved scene rounds differently to 32 bits.
     assert (~same).sum() <= 5
     assert np.array_equal(image.object[same], truth.object[same])
     shown = same & truth.covered

@@ -1,4 +1,4 @@
-"""`camera`: C and C* as files, fed into renderers that share no code with the rasterizer."""
+"""`camera`: files of C and C*, read by renderers that share no code with the rasterizer."""
 
 import json
 import re
@@ -29,10 +29,8 @@ from xfrustum.scenes.appearance.appearance import Appearance, Environment
 from xfrustum.scenes.plate.plate import Aperture
 
 JITTER_PX = 0.02
-"""Shift of pixel centers that reveals pixels on edges.
-
-The rasterizer snaps vertices to 1/256 px, and rounds positions on films of 96 pixels to less than
-as much again.
+"""Shift of pixel centers that reveals pixels on edges. The rasterizer snaps vertices to 1/256 px.
+On films of 96 pixels, rounding moves positions by less than another 1/256 px.
 """
 
 
@@ -41,9 +39,9 @@ def read(path: Path) -> Any:
 
 
 def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Draw pixels (N, 2), column and row, of the first aperture by the file alone.
+    """Draw pixels (N, 2), column and row, of the first aperture, using only the file.
 
-    Each pixel's line is met with each triangle in clip coordinates.
+    Intersect each pixel's line with each triangle in clip coordinates.
     """
     u, v = ((2 * pixels + 1) / cameras["frustum"]["resolution"] - 1).T * ((1,), (-1,))
     film = np.stack((u, v, np.ones(len(u))), axis=-1)
@@ -59,8 +57,8 @@ def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
             & (abs(np.linalg.det(xyw)) > 1e-12)
         )
         for index in np.flatnonzero(met):
-            # A point w (u, v, 1) of the triangle's plane is a mean of its corners with weights w *
-            # weights.
+            # A point w (u, v, 1) of the triangle's plane is the mean of its corners with weights w
+            # * weights.
             weights = film @ np.linalg.inv(xyw[index])
             with np.errstate(divide="ignore", invalid="ignore"):
                 w = 1 / weights.sum(-1)
@@ -68,12 +66,12 @@ def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
                 value = stored_depth(depth["function"], w, n, f)
                 shown = inside & (value < stored if depth["test"] == "<" else value > stored)
             picture[shown], stored[shown] = index, value[shown]
-        # The next pass is drawn over this each, whatever its depth.
+        # The next pass overwrites this pass, whatever its depth.
     return picture
 
 
 def stored_depth(function: str, w: np.ndarray, n: float, f: float) -> np.ndarray:
-    """Return the depth that a file's formula gives."""
+    """Return the depth by the file's formula."""
     formula = re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", function).replace("ln", "log")
     return np.asarray(eval(formula, {"log": np.log, "w": w, "n": n, "f": f}))
 
@@ -84,7 +82,7 @@ def small_view(name: str, resolution: tuple[int, int] = (20, 15)) -> Scene:
 
 
 def test_the_numbered_triangles_lie_next_to_the_cameras(tiny: World, tmp_path: Path) -> None:
-    """NumPy alone reads the number, the place and the object of each triangle, and the names."""
+    """Read number, place, object and name of each triangle with NumPy."""
     command = ["camera", str(tiny.scene_file), "--for", "gltf", "--near", "0.1", "--out"]
     assert main([*command, str(tmp_path)]) == 0
     scene = tiny.scene
@@ -130,7 +128,7 @@ def test_a_renderer_with_the_file_alone_draws_the_same_as_raster(case: str, tmp_
     other = mine != drawn
     assert other.mean() < 0.03
     moved = [pixels[other] + (x * JITTER_PX, y * JITTER_PX) for x in (-1, 1) for y in (-1, 1)]
-    # A pixel lies on an edge only where its own picture changes within the jitter.
+    # A pixel lies on an edge only if its own picture changes within the jitter.
     again = draw(cameras, scene.triangles, np.concatenate(moved)).reshape(len(moved), -1)
     assert (again != mine[other]).any(axis=0).all()
     assert (drawn >= 0).mean() > 0.025
@@ -138,13 +136,13 @@ def test_a_renderer_with_the_file_alone_draws_the_same_as_raster(case: str, tmp_
 
 
 def through_the_file(each: Any, points: np.ndarray) -> np.ndarray:
-    """Return film coordinates u, v of points by a pass's matrix."""
+    """Return film coordinates u, v of points by the matrix of a pass."""
     clip = np.c_[points, np.ones(len(points))] @ np.array(each["clip_from_scene"]).T
     return np.asarray(clip[:, :2] / clip[:, 3:])
 
 
 def points_before(each: Any, count: int = 40) -> np.ndarray:
-    """Return random points of the film's frustum between a pass's planes."""
+    """Return random points of a pass's frustum, between its near and far planes."""
     low, high = (-1, -1, each["near"]), (1, 1, each["far"])
     u, v, depth = np.random.default_rng(2).uniform(low, high, (count, 3)).T
     w = np.stack((u, v, np.ones(count)), axis=-1) * depth[:, None]
@@ -167,14 +165,14 @@ def both_files(scene: Scene, other: str, tmp_path: Path) -> tuple[list[Any], Any
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
-def test_a_gltf_camera_contains_the_film_where_it_says(name: str, tmp_path: Path) -> None:
+def test_a_gltf_camera_contains_the_film_at_the_stated_place(name: str, tmp_path: Path) -> None:
     scene = small_view(name)
     passes, document = both_files(scene, "gltf", tmp_path)
     assert len(document["nodes"]) == len(document["cameras"]) == len(passes)
     for each, node in zip(passes, document["nodes"], strict=True):
         lens = document["cameras"][node["camera"]]["perspective"]
         points = points_before(each)
-        # A glTF camera looks to its own -z; half a turn about y exchanges the signs of x and z.
+        # A glTF camera looks along its -z; a half turn about y reverses the signs of x and z.
         turned = node.get("rotation") == [0, 1, 0, 0]
         eye = (points - node["translation"]) * ((-1, 1, -1) if turned else (1, 1, 1))
         half = np.tan(lens["yfov"] / 2) * np.array([lens["aspectRatio"], 1])

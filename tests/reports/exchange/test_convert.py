@@ -1,4 +1,4 @@
-"""`convert`: a plate returns from every layout and from Zarr to the last bit."""
+"""`convert`: a plate survives every layout and Zarr bit for bit."""
 
 import json
 import os
@@ -33,7 +33,7 @@ TRIANGLES = ConversionOptions(array="triangle")
 def group(
     folder: Path, dtype: str, resolution: tuple[int, int] = (6, 5)
 ) -> tuple[Path, np.ndarray]:
-    """Write a plate of random colors into a Zarr group."""
+    """Write a plate of random colors to a Zarr group."""
     rng = np.random.default_rng(1)
     shape = PlateShape(hogels=(4, 3), resolution=resolution).array
     pixels: np.ndarray = rng.integers(0, 256, shape, np.uint8)
@@ -44,7 +44,7 @@ def group(
 
 
 def stored(tmp_path: Path, array: str) -> np.ndarray:
-    """Return an array of the group that came back."""
+    """Return an array of the converted group."""
     return np.asarray(zarr.open_array(tmp_path / "back.zarr" / array)[...])
 
 
@@ -105,7 +105,7 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
 def test_hogels_that_were_never_drawn_are_counted(
     drawn: int | None, missing: int, tmp_path: Path
 ) -> None:
-    """A plate states its finished hogels; without that, hogels without files are missing."""
+    """A plate states its finished hogels; otherwise hogels without files count as missing."""
     plate = zarr.create_group(tmp_path / "plate.zarr")
     shards = None if drawn is None else (2, 2, 4, 5, 3)
     color = plate.create_array(
@@ -123,7 +123,7 @@ def test_hogels_that_were_never_drawn_are_counted(
 
 
 def test_no_hogel_is_left_out_unnoticed(tmp_path: Path) -> None:
-    """Names alone describe a plate of fewer rows; a stated plate lacks files, or has too many."""
+    """Names alone describe a plate of fewer rows; a stated plate has missing or extra files."""
     source, _ = group(tmp_path, "uint8", (6, 1))
     files, out = tmp_path / "files", tmp_path / "out"
     convert(source, files, write_as="hogels")
@@ -171,7 +171,7 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
 
 
 def refused(source: Path, out: Path, hogels: tuple[int, int] | None = None) -> str:
-    """Return the message with which `convert` refuses a source without writing anything."""
+    """Return the error of `convert` for a source; assert that nothing was written."""
     with pytest.raises(InputError) as raised:
         convert(source, out, write_as="hogels", options=ConversionOptions(hogels=hogels))
     assert not out.exists()
@@ -239,11 +239,11 @@ def test_plates_that_names_declare_too_large_are_refused_before_they_take_memory
         assert message in refused(folder, tmp_path / "out", (99_999_999, 99_999_999))
 
 
-# `plate --layout` writes a drawn plate in a layout: next to its Zarr group, or instead of it.
+# `plate --layout` writes a plate in a layout, next to its Zarr group or in place of it.
 
 
 def plate(world: World, out: Path, options: str, capsys: pytest.CaptureFixture[str]) -> Any:
-    """Draw the plate of a world by the command, and return its answer."""
+    """Draw a world's plate with the command; return its JSON object."""
     command = ["plate", str(world.scene_file), "--out", str(out), *options.split()]
     assert main([*command, "--near", "1", "--quiet", "--json"]) == 0
     return json.loads(capsys.readouterr().out)
@@ -263,7 +263,7 @@ def test_next_to_the_group_lies_the_same_plate_as_views(
     numbers = convert(out, tmp_path / "m.png", write_as="mosaic", options=TRIANGLES).out
     mosaic = find_files(numbers, layouts=layouts_named("mosaic")).plate.pixels
     assert np.array_equal(mosaic, open_plate(out, PlateArray.TRIANGLE).rows.whole())
-    # Hogels as numerous as here give 1.25; the plate's own aspect is stated.
+    # The numbers of hogels give an aspect of 1.25; the file name states the plate's own.
     quilt = LaidOutPlate(out=tmp_path / "quilt.png", layout="quilt")
     shutil.move(out, quilt.group)
     plate_width, plate_height = scene.plate.size
@@ -282,6 +282,6 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_continu
     hogel = find_files(out, layouts=layouts_named("burnett")).hogel(3, 1)
     with Rasterizer(tiny.scene) as rasterizer:
         drawn = rasterizer.render(tiny.scene.plate.aperture(3, 1), near, color=True).color
-    # Half precision below 1 has steps of at most 2^-11: shaders and NumPy can round either way.
+    # Half precision has steps of at most 2^-11 below 1: shaders and NumPy may round either way.
     assert np.abs(hogel.pixels.astype(np.float32) - drawn).max() <= 2.0**-11
     assert (out / "Hogel_1x3.exr").exists()

@@ -1,4 +1,4 @@
-"""A plate on disk: every hogel once, the same bytes however often the process was killed."""
+"""Plates on disk: each hogel is drawn once; interruptions do not change the bytes."""
 
 import fcntl
 import os
@@ -37,7 +37,7 @@ from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 SETTINGS = DoubleFrustum(near=0.15)
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
 BLOCK = (3, 2)
-#: Shards of columns 0 to 2, rows 2 and 3.
+#: Shards of columns 0 to 2, rows 2 and 3
 SHARD = {"triangle": "triangle/c/1/0/0/0", "color": "color/c/1/0/0/0/0"}
 
 
@@ -58,21 +58,21 @@ def drawn(
     scene: Scene | None = None,
     **options: Any,
 ) -> PlateFiles:
-    """Draw a small plate, by default with all images, from a string or a path."""
+    """Draw a small plate, by default with all images; the scene is a string or a path."""
     how = PlateOptions(**{"content": EVERYTHING, **options})
     return write_plate(scene or small(), settings, out, apertures, how)
 
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate in blocks that nothing disturbed."""
+    """Return a plate, stored in blocks, without interruption."""
     out = tmp_path_factory.mktemp("clean") / "x.zarr"
     return drawn(out, block=BLOCK).out
 
 
 @pytest.fixture
 def plate(clean: Path, tmp_path: Path) -> Path:
-    """A copy to be damaged."""
+    """Return a copy that tests may damage."""
     return Path(shutil.copytree(clean, tmp_path / "x.zarr"))
 
 
@@ -101,7 +101,7 @@ def test_each_job_opens_the_store_as_it_is_by_then(plate: Path) -> None:
             scene=small(), settings=SETTINGS, out=plate, arrays=arrays, options=PlateOptions()
         )
         (block,) = job.store.arrays.blocks(here)
-        # Workers open the store for themselves.
+        # Workers open the store themselves.
         assert "store" not in vars(pickle.loads(pickle.dumps(job)))
         return job.finished(block), block.shape
 
@@ -178,7 +178,7 @@ def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
     assert tree(folder) == {"mine.txt": b"mine"} and file.read_text() == "mine"
 
 
-# Plates that something has damaged.
+# Damaged plates
 
 
 def replaced_by_link(path: Path) -> None:
@@ -192,13 +192,13 @@ def replaced_by_pipe(path: Path) -> None:
 
 
 def flipped(path: Path, place: int = 200) -> None:
-    """Change one bit, by default of a hogel's pixels, where it changes no length."""
+    """Flip one bit, by default in a hogel's pixels, where no length changes."""
     data = bytearray(path.read_bytes())
     data[place] ^= 1
     path.write_bytes(data)
 
 
-#: Damage to a block, and the hogels that are drawn again: at once, and where all is read.
+#: Damage to a block, and hogels that are redrawn: at once, and when all data is read
 DAMAGE: list[tuple[Callable[[Path], object], int, int]] = [
     (lambda path: path.write_bytes(b""), 0, 6),
     (flipped, 0, 1),
@@ -209,7 +209,7 @@ DAMAGE: list[tuple[Callable[[Path], object], int, int]] = [
 
 
 def test_a_damaged_block_is_drawn_again(plate: Path, clean: Path) -> None:
-    """Hogels have checksums: no change of a bit goes unnoticed where all is read."""
+    """Hogels have checksums: reading all data detects any flipped bit."""
     for damage, gone, damaged in DAMAGE:
         damage(plate / SHARD["triangle"])
         at_once, read = drawn(plate), drawn(plate, check=True)
@@ -244,7 +244,7 @@ def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_requested(
     assert tree(plate) == tree(clean)
 
 
-def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:
+def test_an_obstacle_ends_the_command_in_one_line(plate: Path) -> None:
     replaced_by_pipe(plate / SHARD["triangle"])
     with pytest.raises(InputError, match="is no regular file"):
         drawn(plate)
@@ -267,13 +267,13 @@ def test_descriptions_that_are_none_are_refused(plate: Path) -> None:
         drawn(plate)
 
 
-# Several processes.
+# Several processes
 
 
 def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clean: Path
 ) -> None:
-    """Two processes that start at once on a new plate: neither takes the other's away."""
+    """Two processes start a new plate at once: neither deletes the other's files."""
     out, make = tmp_path / "x.zarr", make_group
     others: list[PlateFiles] = []
 
@@ -303,7 +303,7 @@ def test_what_killed_processes_left_is_removed_unless_another_writes(
 
 
 def test_four_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
-    """Each has opened the plate before the others have written."""
+    """Each process opens the plate before the others write."""
     scene, out = small(), tmp_path / "x.zarr"
     whole = drawn(tmp_path / "w.zarr", block=(7, 5)).out
     with open_source(scene, SETTINGS, EVERYTHING) as source:

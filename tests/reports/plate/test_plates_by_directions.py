@@ -1,4 +1,4 @@
-"""Plates by directions: the arrays of plates by hogels, in files that are written once."""
+"""Plates by direction have the arrays of plates by hogel; each file is written once."""
 
 import itertools
 import json
@@ -29,11 +29,11 @@ from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 from xfrustum.scenes.plate.plate import PlateTile
 
-#: hogels of a shard, and memory for 14 hogels: two tiles of two rows
+#: Hogels of a shard, and memory for 14 hogels: two tiles of two rows
 BLOCK, LITTLE = (3, 2), 12_500
 BOTH = PlateContent(color=ColorType.FLOAT32, ids=True)
 D24 = DepthFormat.D24
-#: Shard of columns 0 to 2 and rows 2 and 3, of pixel columns 8 to 15 and rows 0 to 7.
+#: Shard of columns 0 to 2 and rows 2 and 3, pixel columns 8 to 15 and pixel rows 0 to 7
 SHARD = {"triangle": "triangle/c/1/0/0/1", "color": "color/c/1/0/0/1/0"}
 TILES, VIEWS, FILES = 2, 2 * 10 * 3, 2 * 2 * 2 * 3
 
@@ -51,7 +51,7 @@ def drawn(
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate that nothing disturbed, in several tiles."""
+    """Return a plate in several tiles, drawn without interruption."""
     out = tmp_path_factory.mktemp("clean") / "x.zarr"
     files = drawn(out)
     assert (files.drawn, files.present, files.passes, files.tiles) == (28, 0, VIEWS, TILES)
@@ -60,7 +60,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def plate(clean: Path, tmp_path: Path) -> Path:
-    """A copy to be damaged."""
+    """Return a copy that tests may damage."""
     return Path(shutil.copytree(clean, tmp_path / "x.zarr"))
 
 
@@ -95,7 +95,7 @@ def test_drawn_pixels_are_those_of_the_renderer_in_their_places(clean: Path) -> 
             stored = group.isel(row=slice(2, 4), u=image.pixel[0], v=image.pixel[1])
             np.testing.assert_array_equal(stored.triangle, image.triangle)
             np.testing.assert_array_equal(stored.color, image.color)
-    # A wrong order of rows, columns or pixels shows other triangles.
+    # Other orders of rows, columns or pixels show other triangles.
     triangle = group.triangle.values
     for axes in ((0,), (1,), (2,), (3,), (0, 1), (2, 3)):
         assert np.count_nonzero(np.flip(triangle, axes) != triangle) > 20
@@ -113,7 +113,7 @@ def test_triangles_do_not_depend_on_the_tiles_but_for_snapping(clean: Path, tmp_
 def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
     written: int, clean: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The disk is full after `written` files; then the command goes on with another memory."""
+    """The disk is full after `written` files; the command then continues with other memory."""
     out, put, count = tmp_path / "x.zarr", local_store._put, itertools.count(1)
 
     def ending(path: Path, *arguments: Any, **others: Any) -> int:
@@ -137,7 +137,7 @@ def test_hogels_are_finished_when_the_last_part_is_there(clean: Path, tmp_path: 
         files = drawn(out, engine=Engine(part=Part(number=number, count=2)))
         assert 0 < files.passes < VIEWS and files.present == 0
         assert PlateReader(out).finished(here) == finished
-        # Half of the pixels of all hogels is no finished hogel.
+        # A hogel with half of its pixels is unfinished.
         again = drawn(out, engine=Engine(part=Part(number=number, count=2)))
         assert (again.drawn, again.present, again.passes) == (0, 28 * finished, 0)
         assert (files.kept, again.kept) == (0, files.passes)
@@ -255,7 +255,7 @@ def test_the_way_with_fewer_images_is_chosen_unless_options_decide(tmp_path: Pat
         and "30 views of all hogels; --near draws 28 hogels instead" in reason
     )
     assert way(out, By.DIRECTIONS) == (By.DIRECTIONS, "")
-    # Tiles multiply the views.
+    # Tiles multiply the number of views.
     assert way(out, hogels=(1000, 1000), truth=True, memory=1 << 30)[0] is By.DIRECTIONS
     assert way(out, hogels=(1024, 64), truth=True, memory=25 << 20)[1].startswith(
         "by directions, for 60 views"

@@ -1,4 +1,4 @@
-"""Stored plates: shards that Zarr and xarray read, measures, cameras, and refused damage."""
+"""Stored plates: shards that Zarr and xarray read, measures, cameras; damage is refused."""
 
 import json
 import re
@@ -39,14 +39,14 @@ ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate with all channels, in blocks."""
+    """Return a plate with all channels, in blocks."""
     out = tmp_path_factory.mktemp("whole") / "p.zarr"
     return drawn(out, content=ALL, block=BLOCK).out
 
 
 @pytest.fixture
 def plate(whole: Path, tmp_path: Path) -> Path:
-    """A copy to be damaged."""
+    """Return a copy that tests may damage."""
     return Path(shutil.copytree(whole, tmp_path / "p.zarr"))
 
 
@@ -80,7 +80,7 @@ def test_the_camera_of_any_hogel_is_the_rasterizers(whole: Path) -> None:
         drawn = rasterizer.render(aperture, SETTINGS, color=False).camera
     for camera in (camera_of(store, 6, 4) for store in stores):
         assert replace(camera, **unnamed) == replace(drawn, **unnamed)
-        # The rasterizer's own formula for the window differs in the last bit.
+        # The rasterizer computes its window by another formula, which differs in the last bit.
         for name in ("shear", "half_extent"):
             mine, other = getattr(camera, name), getattr(drawn, name)
             np.testing.assert_allclose(mine, other, rtol=4 * 2**-53, atol=0)
@@ -126,7 +126,7 @@ def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
     assert description["transport"] == transport and "settings" not in description
 
 
-# Measures beside the pixels, as arrays and as a table.
+# Measures beside the pixels, as arrays and as a table
 
 SQUARE = (2, 2)
 CHOSEN = [(3, 2), (0, 0), (1, 0), (6, 4)]
@@ -139,7 +139,7 @@ def judged(out: Path, chosen: list[tuple[int, int]] = CHOSEN, **more: Any) -> Pl
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four hogels of a plate, judged, in three blocks."""
+    """Return a plate of four judged hogels in three blocks."""
     out = tmp_path_factory.mktemp("judged") / "x.zarr"
     assert judged(out).drawn == len(CHOSEN)
     return out
@@ -203,7 +203,7 @@ def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
 def test_a_judged_plate_has_the_pixels_of_one_that_is_not(
     name: str, points: int, tmp_path: Path
 ) -> None:
-    """One is drawn hogel by hogel, the other in batches: all channels, light, sub-apertures."""
+    """One plate is drawn by hogel, the other in batches: all channels, light, sub-apertures."""
     scene = replace(small(name), sampling=Sampling(aperture=points))
     here, written = [scene.plate.aperture(0, 0)], []
     for judge in (False, True):
@@ -216,13 +216,13 @@ def test_a_judged_plate_has_the_pixels_of_one_that_is_not(
     assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
 
 
-# Damage: no command reads a plate whose labels or descriptions differ from its scene.
+# Damage: no command reads a plate whose labels or descriptions contradict its scene.
 
 Spoil = Callable[[Path], object]
 
 
 def described(array: str, key: str, value: Any, *, group_too: bool) -> Spoil:
-    """Change the description of an array in its own file, or in the group's copy too."""
+    """Change the description of an array in its file, and optionally in the group's copy."""
 
     def spoil(place: Path) -> None:
         own, group = place / array / "zarr.json", place / "zarr.json"
@@ -264,7 +264,7 @@ SPOILED: dict[str, tuple[Spoil, str]] = {
 
 
 @pytest.mark.parametrize("kind", SPOILED)
-def test_every_reader_refuses_a_plate_that_is_not_what_its_scene_says(
+def test_every_reader_refuses_a_plate_that_contradicts_its_scene(
     kind: str, plate: Path, tmp_path: Path
 ) -> None:
     spoil, message = SPOILED[kind]
@@ -303,7 +303,7 @@ def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
     assert convert(plate, tmp_path / "out", write_as="hogels").files == 35
 
 
-# The command, its size on the disk, and its page.
+# The command, the size of a plate on disk, and its page
 
 
 def test_a_plate_reports_its_size_and_stops_where_the_disk_is_smaller(
@@ -334,7 +334,7 @@ DRAWN_COLUMNS = (0, 10, 20, 40)
 def test_the_programs_of_the_page_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The row shows a small scene, and has some of its hogels."""
+    """The table row refers to a small scene with some of its hogels."""
     monkeypatch.chdir(tmp_path)
     scene = view("asymmetric", (16, 12))
     spans = [((column, column), (30, 30)) for column in DRAWN_COLUMNS]

@@ -1,4 +1,4 @@
-"""`xfrustum check` and `xfrustum new`: facts and pictures of a scene, a scene around a mesh."""
+"""`xfrustum check` and `xfrustum new`: facts and pictures of a scene; a scene for a mesh."""
 
 import json
 import math
@@ -36,7 +36,7 @@ FILE = (
 
 @pytest.fixture(autouse=True)
 def work_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run each test in a folder of its own."""
+    """Run each test in its own folder."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -65,7 +65,7 @@ def test_check_lists_places_and_sight_and_draws_two_views(
         svg = Path(file).read_text()
         assert expected <= {element.text for element in Xml.fromstring(svg).iter()}
         assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")
-    # Where no aperture sees anything, the exit status is 1.
+    # If no aperture sees any surface, the exit status is 1.
     scene.write_text(FILE.replace("-60.0]", "-800.0]").replace("60.0]\n[[", "900.0]\n[["))
     assert main(["check", "scene.toml"]) == 1
     printed = capsys.readouterr()
@@ -189,7 +189,7 @@ def test_new_refuses_a_mesh_without_a_width_or_of_extreme_lengths(
 
 
 PLATES = {
-    # Cells that an eye sees from nearer than the pitch / 1'.
+    # Cells are visible to an eye nearer than the pitch / 1'.
     "--plate 60cm,40cm --viewer 2m": ((600, 400), (1032, 688), ""),
     "--plate 600,400 --viewer 600 --pitch 1": ((600, 400), (600, 400), "3,438 mm"),
     "--size 55 --pitch 0.7": ((80.5, 40.6), (115, 58), ""),
@@ -222,7 +222,7 @@ def test_a_mesh_whose_up_is_z_stands_upright_and_looks_at_the_viewer() -> None:
     np.testing.assert_allclose(np.subtract(high, low), (1.0, 8.0, 2.0), atol=1e-4)
     np.testing.assert_allclose(np.add(high, low), 0.0, atol=1e-3)
     assert written.mesh == pytest.approx((1.0, 2.0, 8.0), abs=1e-4)
-    # +z, up in the file, is up in the scene; -y, Blender's front, faces the viewer.
+    # +z, up in the file, is up in the scene; -y, the front in Blender, faces the viewer.
     turned = placement(1.0, written.rotate_deg)[:3, :3]
     np.testing.assert_allclose(
         turned @ [[0, 0], [0, -1], [1, 0]], [[0, 0], [1, 0], [0, 1]], atol=1e-15
@@ -252,7 +252,7 @@ def test_faces_wound_inward_are_warned_about_where_they_are_culled_and_turned_by
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_normals_of_a_flipped_mesh_lie_on_the_side_of_its_new_winding(side: float) -> None:
-    """Its file has them on the side of its winding or, rightly, on the other one."""
+    """The file's normals agree with its winding or, correctly, oppose it."""
     ball = build_shape("sphere")
     normals = np.asarray(smoothed(ball).vertex_normals)
     turned = flipped(replace(ball, vertex_normals=side * normals)).vertex_normals
@@ -266,7 +266,7 @@ TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 {}\nv -20 20 0\nf 1 2 3\nf 1 3 4\nf 1 
 def test_a_mesh_as_flat_as_rounding_is_placed_behind_the_plate(
     off: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """If put into the plate, `new` and `check` warn of that."""
+    """If the mesh is put into the plate, `new` and `check` warn of it."""
     Path("flat.obj").write_text(TILED.format(off))
     assert main(["new", "flat.obj", "--size", "60"]) == 0
     assert "flat, and is placed behind the plate" in capsys.readouterr().err
@@ -278,7 +278,7 @@ def test_a_mesh_as_flat_as_rounding_is_placed_behind_the_plate(
 
 
 def test_surfaces_through_the_plate_or_near_it_raise_no_warning() -> None:
-    """A solid across the plate has no triangle in it; a distance that float32 holds is valid."""
+    """A solid across the plate has no triangle in it; a distance that float32 resolves is valid."""
     assert xfrustum.new_scene(mesh("part.obj"), "a.toml").warning is None
     Path("near.toml").write_text(FRAME + part("square", 40.0, (0.0, 0.0, 1e-4)))
     assert not xfrustum.check(open_scene("near.toml")).warnings
@@ -287,7 +287,7 @@ def test_surfaces_through_the_plate_or_near_it_raise_no_warning() -> None:
 def test_features_that_are_not_read_are_listed_and_warned_about(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """Triangles without area are such, and no aperture sees them."""
+    """Triangles without area are such a feature; no aperture sees them."""
     square = "v -9 -9 0\nv 9 -9 0\nv 9 9 0\nv 0 0 0\nl 1 2\nf 1 2 3\nf 1 4 3\n"
     Path("a.obj").write_text(square)
     text = '\n[[object]]\nmesh = "a.obj"\ntranslate = [0.0, 0.0, -20.0]\n'

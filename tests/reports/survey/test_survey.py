@@ -1,4 +1,4 @@
-"""Surveys of small plates: their rows, their answer, their page, and how they go on."""
+"""Surveys of small plates: rows, answers, pages, and resumption."""
 
 import json
 import math
@@ -37,7 +37,7 @@ COARSE = ("--near", str(NEAR))
 
 @pytest.fixture(scope="module")
 def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two boxes, one on each side of a plate of 5 by 4 hogels."""
+    """Write a scene of two boxes, one on each side of a plate of 5 x 4 hogels."""
     path = tmp_path_factory.mktemp("scene") / "boxes.toml"
     place = named("boxes", "mm") + film((40, 32), (5, 4), (24, 24), (60, 60), (60, 60))
     path.write_text(place + part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16)))
@@ -52,7 +52,7 @@ def scene(scene_path: Path) -> Scene:
 def surveyed(
     scene_path: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str
 ) -> dict[str, Any]:
-    """Run the command in this process and return its JSON object, with its exit status."""
+    """Run the command in this process; return its JSON object and its exit status."""
     words = ["survey", str(scene_path), "--workers", "1", "--out", str(out), "--quiet", "--json"]
     status = main([*words, *more])
     printed = capsys.readouterr()
@@ -61,7 +61,7 @@ def surveyed(
 
 @pytest.fixture(scope="module")
 def whole(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A survey of all hogels."""
+    """Return the folder of a survey of all hogels."""
     out = tmp_path_factory.mktemp("whole") / "survey"
     words = [*COARSE, "--all", "--workers", "1", "--quiet", "--out", str(out)]
     assert main(["survey", str(scene_path), *words]) == 0
@@ -121,7 +121,7 @@ def test_a_row_has_the_numbers_and_the_causes_of_its_hogel(whole: Path, scene: S
 
 
 def test_samples_are_of_hogels_that_can_show_something(tmp_path: Path) -> None:
-    """The others are empty and within limits where all are judged, and the bound counts them so."""
+    """Other hogels are empty: a full survey judges them to be within limits; so does the bound."""
     place = named("corner", "mm") + film((60, 40), (12, 8), (8, 8), (40, 40), (40, 40))
     (tmp_path / "corner.toml").write_text(place + part("box", 3, (-26, 17, -6)))
     scene, settings = open_scene(tmp_path / "corner.toml"), DoubleFrustum(near=2.0)
@@ -192,7 +192,7 @@ def test_parts_of_a_job_array_make_the_survey_between_them(
 def test_two_surveys_of_one_folder_are_one(
     whole: Path, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The second begins and ends while the first judges its first block."""
+    """The second survey runs completely while the first judges its first block."""
     out, write = tmp_path / "survey", ParquetParts.write
 
     def overtaken(*first: Any) -> None:
@@ -214,7 +214,7 @@ def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
     assert (answer["status"], answer["judged"], answer["confidence"]) == (0, 6, 0.95)
     coarse, fine = answer["settings"]
     assert facts["beyond"] / 20 <= coarse["share_beyond_at_most"]
-    # The best setting is reported, and with two settings each bound is wider (Bonferroni).
+    # The best setting is reported; with two settings each bound is wider (Bonferroni).
     assert fine["beyond"] == 0 == answer["beyond"]
     bound = share_beyond(0, 6, 20, risk_of_claim(settings=2))
     assert answer["share_beyond_at_most"] == fine["share_beyond_at_most"] == bound
@@ -229,12 +229,12 @@ def test_limits_decide_the_exit_status(
 ) -> None:
     fine = ("--near", "0.001")
     good = surveyed(scene_path, tmp_path / "good", capsys, *fine, "--until", "40%")
-    # Looks share the risk, and the first was enough.
+    # The looks share the risk; the first look was enough.
     bound = share_beyond(0, good["judged"], 20, risk_of_claim(look=0))
     assert good["status"] == 0 and good["share_beyond_at_most"] == bound <= 0.4
     bad = surveyed(scene_path, tmp_path / "bad", capsys, *COARSE, "--until", "40%")
     assert bad["status"] == 1 and bad["share_beyond_at_most"] > 0.4
-    # No tolerance of displacement allows wrong surfaces.
+    # No tolerance of displacement permits wrong surfaces.
     cases = [(fine, "0.00001", 1), (fine, "50", 0), (COARSE, "50", 1)]
     for number, (setting, tolerance, status) in enumerate(cases):
         more = (*setting, "--sample", "3", "--tolerance-px", tolerance)
@@ -258,7 +258,7 @@ def test_truths_by_directions_give_the_same_rows(
     for by in ("auto", "directions"):
         more = (*COARSE, "--all", "--truth-by", by)
         answer = surveyed(tmp_path / "small.toml", tmp_path / by, capsys, *more)
-        # Few hogels of many pixels take fewer passes hogel by hogel.
+        # A few hogels of many pixels need fewer passes hogel by hogel.
         assert answer["truth_by"] == {"auto": "hogels"}.get(by, by) and 0 < answer["beyond"] < 12
     assert rows_of(tmp_path / "auto").equals(rows_of(tmp_path / "directions"))
     other = surveyed(tmp_path / "small.toml", tmp_path / "auto", capsys, *more)

@@ -1,6 +1,4 @@
-"""Verifications whose measures are chosen, so that nothing has to be traced; and small
-repositories.
-"""
+"""Verifications with synthetic measures, made without tracing; small git repositories."""
 
 import subprocess
 from collections.abc import Mapping
@@ -18,7 +16,7 @@ from xfrustum.scenes import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 SHOWN = 1000
-"""Number of pixels of a hogel that show something."""
+"""Number of pixels of a hogel that show a surface."""
 
 
 @cache
@@ -27,9 +25,7 @@ def scene() -> Scene:
 
 
 def hogel_of(place: tuple[int, int], wrong: int | None, p99: float = 0.1) -> Hogel:
-    """Return a hogel with `wrong` wrong surfaces, twice as many wrong triangles; missing where
-    None.
-    """
+    """Return a hogel with `wrong` wrong surfaces, twice as many wrong triangles; None: missing."""
     aperture: Aperture = scene().plate.aperture(*place)
     if wrong is None:
         return Hogel(aperture=aperture, problem="no such file")
@@ -56,7 +52,7 @@ def hogel_of(place: tuple[int, int], wrong: int | None, p99: float = 0.1) -> Hog
 
 
 def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) -> Verification:
-    """Return a verification of hogels with some numbers of wrong surfaces."""
+    """Return a verification of hogels, each with a number of wrong surfaces."""
     return Verification(
         scene=scene(),
         source="hogels/{i}x{j}.png",
@@ -67,15 +63,13 @@ def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) 
 
 
 def git(folder: Path, *arguments: str) -> str:
-    """Run git in a repository, with nothing of this machine's own settings."""
+    """Run git in a repository, without settings of this machine."""
     who = ("-c", "user.name=Ada", "-c", "user.email=ada@example.org")
     return subprocess.check_output(["git", "-C", str(folder), *who, *arguments], text=True).strip()
 
 
 def commit(folder: Path, subject: str) -> str:
-    """Commit all files, if any, and return the commit's name; the first makes the
-    repository.
-    """
+    """Commit all files, if any; return the commit's hash. The first commit makes the repository."""
     if not (folder / ".git").exists():
         git(folder, "init", "--quiet", "--initial-branch=main")
     git(folder, "add", "--all")

@@ -1,4 +1,4 @@
-"""A baseline names measures that got worse since they were accepted, and loses nothing."""
+"""A baseline names measures that are worse than the accepted ones, and loses no data."""
 
 import json
 import shutil
@@ -63,9 +63,7 @@ def test_over_five_commits_a_regression_is_named_and_approved(tmp_path: Path) ->
 
 
 def test_a_repository_of_a_stranger_runs_none_of_its_programs(tmp_path: Path) -> None:
-    """`git status` is the control: it runs the monitor, the hook and the filter of the same
-    repository.
-    """
+    """`git status` is the control: it runs monitor, hook and filter of the same repository."""
     folder, ran = tmp_path / "repository", tmp_path / "ran"
     folder.mkdir()
     (folder / ".gitattributes").write_text("*.txt filter=foreign\n")
@@ -86,11 +84,11 @@ def test_a_repository_of_a_stranger_runs_none_of_its_programs(tmp_path: Path) ->
     }
     for setting, value in settings.items():
         git(folder, "config", setting, str(value))
-    # Equal sizes make git compare the content, by way of the filter.
+    # Equal sizes make git compare the content through the filter.
     (folder / "a.txt").write_text("2\n")
     assert held(folder, RIGHT, approve=True).run.commit == name
     control = shutil.copytree(folder, tmp_path / "control", symlinks=True)
-    # As in a clone that fetches missing objects.
+    # As in a partial clone, which fetches missing objects
     shutil.rmtree(folder / ".git" / "objects")
     (folder / ".git" / "objects").mkdir()
     assert commit_of(folder) == name and not ran.exists()
@@ -114,9 +112,9 @@ def test_new_missing_and_other_hogels_and_devices_are_not_compared(tmp_path: Pat
         assert held(tmp_path, {**RIGHT, (1, 0): wrong}, tolerance=tolerance).passed is passed
     other = held(tmp_path, WORSE, device="other")
     assert not other.compared
-    # The name of a device, which is the processor by default, may have changed alone.
+    # The device's name, by default the processor's, may be the only change.
     assert "note: of this scene, accepted is" in lines(other) and " on toy (" in lines(other)
-    # Approving one hogel leaves the others accepted.
+    # If one hogel is approved, the others stay accepted.
     held(tmp_path, {(1, 0): 8}, approve=True)
     assert held(tmp_path, WORSE).passed
 
@@ -143,7 +141,7 @@ def test_json_and_the_summary_for_github_name_the_changes(
     assert append_step_summary(result) is None
     text = summary.read_text()
     assert text.startswith("another step\n### xfrustum verify\n\n```\nasymmetric: ")
-    # No name ends the block of code, in which nothing is markup.
+    # A name cannot end the code block, in which markup has no effect.
     assert append_step_summary(held(tmp_path, WORSE, device="a```b <img src=x>")) is None
     assert summary.read_text().removeprefix(text).count("```") == 2
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "nowhere" / "summary.md"))
@@ -156,9 +154,7 @@ def test_json_and_the_summary_for_github_name_the_changes(
 def test_the_exit_status_follows_the_accepted_runs(
     tiny: World, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The verification is a stand-in, so that nothing is traced; one hogel in three exceeds a
-    limit.
-    """
+    """A stand-in replaces the verification, so that nothing is traced; one hogel of three fails."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     wrong: dict[tuple[int, int], int | None] = {(0, 0): 0, (1, 0): 90, (2, 0): 3}
@@ -184,7 +180,7 @@ def test_the_exit_status_follows_the_accepted_runs(
 
 
 def test_the_command_line_of_the_action_is_one_that_verify_accepts(tmp_path: Path) -> None:
-    yaml: Any = import_module("yaml")  # untyped, and needed here only
+    yaml: Any = import_module("yaml")  # untyped, and needed only here
     action = yaml.safe_load((CHECKOUT / "action.yml").read_text())
     (step,) = [step for step in action["runs"]["steps"] if step.get("name") == "Verify"]
     assert step["shell"] == "python"

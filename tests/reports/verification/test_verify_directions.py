@@ -1,4 +1,4 @@
-"""Wrong pixels of plates by directions are explained by the cameras that drew them."""
+"""The cameras that drew a plate by direction explain its wrong pixels."""
 
 import json
 import shutil
@@ -29,7 +29,7 @@ from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 from xfrustum.scenes.plate.plate import PlateTile
 
-#: Hogels of all tiles, which meet between rows 2 and 3 and rows 5 and 6.
+#: Hogels in all tiles; tiles meet between rows 2 and 3, and rows 5 and 6
 EVERY = [(column, row) for row in range(7) for column in range(9)]
 SOME = [(4, 2), (4, 3), (8, 3), (2, 6)]
 D16, D24, D32F = DepthFormat
@@ -45,14 +45,14 @@ def small(name: str) -> Scene:
 
 
 def drawn(scene: Scene, out: Path, depth: DepthFormat, tiles: int = 3) -> Path:
-    """Draw a plate in tiles of some rows."""
+    """Draw a plate in tiles of a few rows."""
     options = PlateOptions(content=PlateContent(channels=(Channel.TRIANGLE,)), block=(4, 3))
     assert write_directions(scene, depth, out, options, memory=20_000).tiles == tiles
     return out
 
 
 def causes(scene: Scene, plate: Path, hogels: list[tuple[int, int]]) -> Counter[str]:
-    """Return the numbers of wrong pixels by cause, all of them, and shown pixels of some hogels."""
+    """Return numbers of wrong pixels by cause, of all wrong pixels, and of shown pixels."""
     reference, counts = Reference(scene), Counter[str]()
     source = StoredPlate(place=plate, stated=False, reference=reference)
     judging = Judging(directions=source.directions)
@@ -111,7 +111,7 @@ def test_no_rounding_explains_defects(
 
 
 def test_the_depth_buffer_is_taken_from_the_description(tmp_path: Path) -> None:
-    """Sheets a fifth of a step of 16 bits apart: the farther, drawn first, stays."""
+    """Two sheets are a fifth of a 16-bit step apart: the farther one, drawn first, remains."""
     step = 128.0 / 2**16
     corners = [(x, y, 40.0) for y in (-30.0, 30.0) for x in (-30.0, 30.0)]
     sheet = np.array([[corners[n] for n in (0, 1, 3)], [corners[n] for n in (0, 3, 2)]])
@@ -137,7 +137,7 @@ def test_an_interval_from_zero_is_no_evidence_of_an_offset() -> None:
 
 
 def test_damaged_neighbors_show_nothing(plate: Path, tmp_path: Path) -> None:
-    """Files of columns 4 to 7 are damaged; column 3 has its neighbors there."""
+    """Files of columns 4 to 7 are damaged; they contain the right neighbors of column 3."""
     other = Path(shutil.copytree(plate, tmp_path / "x.zarr"))
     for file in (other / "triangle/c/0/1").rglob("*"):
         if file.is_file():

@@ -1,4 +1,4 @@
-"""`verify` reads layouts by name, and names the wrong readings that people are known for."""
+"""`verify` reads layouts by name, and names common misreadings of them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -91,7 +91,7 @@ def mirrored(plate: PlateRows) -> PlateRows:
 
 
 MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
-    # Plate, layout, change of the plate, how it is read, faults, and their words.
+    # Plate, layout, change of the plate, stated reading, faults, and words of the faults
     "columns before rows, upright": (
         *("full", "burnett", None, "hogels"),
         *({"orientation", "aperture-order"}, "turned by 180 degrees"),
@@ -100,7 +100,7 @@ MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
         *("full", "hocking", None, "/hogel_{i:04d}_0003_{j:04d}_0003.png"),
         *({"aperture-order"}, "rows counted from the bottom"),
     ),
-    # Where there are as many rows as columns, it may as well be a transposed picture.
+    # With as many rows as columns, a transposed picture is an equally good explanation.
     "s before t": (
         *("full", "views", exchanged, None, {"orientation"}),
         "transposed (rows and columns exchanged)",
@@ -134,7 +134,7 @@ def test_views_read_as_hogels_fail_without_a_name(tmp_path: Path) -> None:
 
 
 def sheared_views(scene: Scene, factor: float) -> PlateRows:
-    """Return a plate of views from the screen, sheared by a factor of the plate's need."""
+    """Return a plate of views from the screen, sheared by a factor of the required shear."""
     screen = scene.frustum.screen
     assert screen is not None
     (columns, rows), width = scene.plate.hogels, scene.frustum.resolution[0]
@@ -142,7 +142,7 @@ def sheared_views(scene: Scene, factor: float) -> PlateRows:
     centers = np.array([(aperture.x, aperture.y, 0.0) for aperture in apertures])
     pixels = np.zeros((rows, columns, 1, width, 3), dtype=np.uint8)
     for c in range(width):
-        # On a screen before the plate the film is mirrored.
+        # On a screen before the plate, the film is mirrored.
         eye = np.array([-((2 * c + 1) / width - 1) * screen.size[0] / 2, 0.0, screen.height])
         lines = centers + (1 - factor) * np.array([eye[0], 0.0, 0.0]) - eye
         s = meetings(scene.triangles, eye, lines, (1e-9, 1e3))
@@ -154,9 +154,7 @@ def sheared_views(scene: Scene, factor: float) -> PlateRows:
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 0.83])
 def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
-    """A vendor's sample shears by 0.83 of its focal plane's need at its default angle, 45
-    degrees.
-    """
+    """A vendor's sample shears by 0.83 of the required shear at its default angle, 45 degrees."""
     scene = scene_of((48, 1), (7, 7))
     screen = Screen(height=150.0, center=(0.0, 0.0), size=(80.0, 2.0))
     scene = replace(scene, frustum=replace(scene.frustum, screen=screen))

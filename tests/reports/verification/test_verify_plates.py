@@ -1,4 +1,4 @@
-"""Samples of another renderer's plate bound the rest; blocks of any process equal one process's."""
+"""Samples of a plate bound the rest; blocks from several processes equal those from one."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def drawn(folder: Path, hogels: tuple[int, int], near: float = 0.001) -> Path:
-    """Write a scene and the images of its plate; return the scene's path."""
+    """Write a scene and the images of its plate; return the scene file's path."""
     path = folder / "boxes.toml"
     objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
     path.write_text(named("boxes") + film((40, 32), hogels, (16, 16), (60, 60), (60, 60)) + objects)
@@ -37,13 +37,13 @@ def drawn(folder: Path, hogels: tuple[int, int], near: float = 0.001) -> Path:
 
 @pytest.fixture(scope="module")
 def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate of 3 by 2 hogels with right images, so that nothing is diagnosed."""
+    """Return a plate of 3 x 2 hogels with right images, so that nothing is diagnosed."""
     return drawn(tmp_path_factory.mktemp("right"), (3, 2))
 
 
 @pytest.fixture(scope="module")
 def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate of 5 by 4 hogels; in the folder `bad` the files of a column are missing."""
+    """Return a plate of 5 x 4 hogels; the folder `bad` lacks the files of one column."""
     path = drawn(tmp_path_factory.mktemp("large"), (5, 4))
     (path.parent / "bad").mkdir()
     for file in path.parent.glob("[0134]x*.exr"):
@@ -52,7 +52,7 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def verified(scene: Path, capsys: Capture, *words: str, out: Path | None = None) -> dict[str, Any]:
-    """Run the command, and return its JSON object with its exit status and messages."""
+    """Run the command; return its JSON object with exit status and messages."""
     place = [] if out is None else ["--out", str(out)]
     capsys.readouterr()
     status = main(["verify", str(scene), *words, *place, "--quiet", "--json"])
@@ -104,7 +104,7 @@ def test_until_stops_at_the_bound_or_where_it_cannot_be_reached(
     assert good["share_beyond_at_most"] == share_beyond(0, judged, 20, risk_of_claim(look=0)) <= 0.4
     failed = verified(large, capsys, bad, "--until", "5%", *workers)
     assert failed["status"] == 1 and failed["share_beyond_at_most"] > 0.05
-    # Accepted measures excuse limits that were not stated; a bound above --until they do not.
+    # Accepted measures excuse only default limits; a bound above --until stays a failure.
     accepted = (bad, "--baseline", str(tmp_path), "--approve")
     for words, status in ((("--sample", "9"), 0), (("--until", "5%"), 1)):
         assert verified(large, capsys, *accepted, *words)["status"] == status
@@ -143,12 +143,12 @@ def test_parts_of_a_right_plate_make_the_verification_between_them(
     verified(right, capsys, pattern, out=tmp_path / "alone")
     first = part_of("2/2")
     assert first["status"] == 0 and "this part is judged" in first["errors"] and not files_of(out)
-    # Blocks that were judged by different diagnoses are not merged.
+    # Blocks with different diagnoses are not merged.
     content = question.read_bytes()
     question.write_bytes(content + b" ")
     assert "was judged by another diagnosis than the rest" in part_of("1/2")["errors"]
     question.write_bytes(content)
-    # Lost blocks are judged again, and no others.
+    # Only lost blocks are judged again.
     for path in out.glob("*.parquet/part-*[024].parquet"):
         path.unlink()
     times = times_of(out)
@@ -156,19 +156,19 @@ def test_parts_of_a_right_plate_make_the_verification_between_them(
     assert again["status"] == 0 and "3 of 6 blocks were judged before" in again["errors"]
     assert len(times) == 3 and times.items() <= times_of(out).items()
     assert files_of(out) == files_of(tmp_path / "alone") != {}
-    # Absolute names are the same from every folder, also from one that a worker lacks.
+    # Absolute paths are valid in every folder, even if a worker lacks the current one.
     monkeypatch.chdir(tmp_path)
     assert "blocks were judged before" in part_of("1/1")["errors"]
     request = Request.from_options(open_scene(right), pattern, VerifyOptions())
     require_state(replace(request, folder=tmp_path / "lacking"), state_of(request))
-    # Images that were drawn again are another verification.
+    # Redrawn images make another verification.
     shutil.copy(images / "0x0.exr", images / "2x1.exr")
     other = part_of("1/6")
     assert other["status"] == 2 and "another state of the images" in other["errors"]
 
 
 def command_of(path: Path, folder: Path) -> tuple[Path, tuple[str, str]]:
-    """Return a module that a renderer needs, and the words of a command that runs this renderer."""
+    """Return a renderer's module, and the arguments of a command that runs the renderer."""
     module, script = folder / "module", folder / "render"
     module.write_text("")
     script.write_text(f"#!/bin/sh\n. {module}\nexec cp {path.parent}/$1x$2.exr $3\n")
@@ -201,9 +201,9 @@ def test_a_command_is_judged_again_where_hogels_were_missing_and_anew_when_all_i
 def test_growing_samples_of_a_command_go_on_where_they_were_stopped(
     right: Path, tmp_path: Path, capsys: Capture
 ) -> None:
-    """The first sample is whole and decides nothing; a later one lacks an interrupted block."""
+    """The first sample is complete and undecided; a later one lacks an interrupted block."""
     module, command = command_of(right, tmp_path)
-    # Two of the four hogels of the first sample show another one.
+    # Two of the first sample's four hogels show another hogel.
     module.write_text('case "$1" in 2) set 0 "$2" "$3";; esac\n')
     out, more = tmp_path / "verified", ("--until", "60%", "--part", "1/1")
     assert verified(right, capsys, *command, *more, out=out)["status"] == 0
@@ -241,7 +241,7 @@ def test_a_command_runs_in_the_folder_of_the_caller(
 def test_workers_and_single_hogels_equal_one_process(
     words: tuple[str, ...], tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Images are bent, so that a renderer is diagnosed, and one is missing; names are relative."""
+    """Images are displaced, which needs a diagnosis, and one is missing; paths are relative."""
     scene = drawn(tmp_path, (5, 4), near=0.5)
     scene.with_name("2x1.exr").unlink()
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Failing files, commands and functions are reported, hogel by hogel; and the record of it all."""
+"""Failures of files, commands and functions are reported hogel by hogel, in all outputs."""
 
 import itertools
 import json
@@ -59,7 +59,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
 
 @pytest.fixture
 def images(world: Scene) -> dict[tuple[int, int], HogelImage]:
-    """Six images of our own rasterizer, and pictures of their triangle numbers."""
+    """Return six rasterized images, and pictures of their triangle numbers."""
     with Rasterizer(world) as rasterizer:
         made = {a.index: rasterizer.render(a, NEAR) for a in world.plate.apertures()}
     for (column, row), image in made.items():
@@ -132,7 +132,7 @@ elif what != "nothing":
 def test_a_command_may_hang_crash_and_write_garbage_and_the_rest_is_judged(
     world: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """No shell reads the words of the command, and numbers are written by their formats."""
+    """Commands run without a shell, and number formats in their words are applied."""
     Path("renderer.py").write_text(RENDERER)
     command = f"{sys.executable} renderer.py {{i}} {{j}} {{out}} '{Path.cwd()}'"
     command += " '$HOME; ls' {x} {y:.3e} {i:03d} {j:d}"
@@ -159,7 +159,7 @@ def test_a_function_that_raises_or_returns_something_else_is_reported(
         if aperture.index == (0, 0):
             raise ValueError("no memory of that")
         if aperture.index == (1, 0):
-            return None  # as strangers do
+            return None  # as foreign code does
         return small if aperture.index == (2, 0) else images[aperture.index]
 
     result = xfrustum.verify(world, renderer)
@@ -181,7 +181,7 @@ SHIFT = Defect(
 def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
     left: tuple[int, int], named: bool
 ) -> None:
-    """100 pixels of each of two hogels are wrong, and after correction some of the second one's."""
+    """Two hogels have 100 wrong pixels each; after correction, some of the second's remain."""
     result = verification({(0, 0): 100, (1, 0): 100})
     other = verification({(i, 0): wrong for i, wrong in enumerate(left)})
     hogels = tuple(
@@ -261,7 +261,7 @@ def test_every_fault_is_in_the_table() -> None:
 
 
 def test_a_plain_picture_shows_what_is_not_black() -> None:
-    """Colors that are wrong in all of a picture but its black corner."""
+    """All colors of a picture are wrong except in its black corner."""
     scene, right = oblong(), RendererModel()
     reference = Reference(scene)
     truth = trace_drawn(reference, right, scene.plate.aperture(2, 2))

@@ -1,4 +1,4 @@
-"""`verify` judges positions in OpenEXR as exactly as files hold them, and names lossy formats."""
+"""`verify` judges positions in OpenEXR to the precision of the file, and names lossy formats."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from xfrustum.scenes import Scene, open_scene
 
 TRIED = Path(__file__).parents[4] / "shared" / "data" / "foreign" / "tried-4" / "exr"
 PLACE = (1, 3)
-#: How a file stores positions: type of numbers, compression, and value of pixels without a surface.
+#: Storage of positions: type of numbers, compression, and value of pixels without a surface
 STORED = {
     "float": (np.float32, OpenEXR.ZIP_COMPRESSION, 0.0),
     "half": (np.float16, OpenEXR.ZIP_COMPRESSION, 1e10),
@@ -33,13 +33,13 @@ def bench() -> Scene:
 
 
 def half(bench: Scene) -> Scene:
-    """Return the scene at half its resolution, at which it takes a third of the time."""
+    """Return the scene at half its resolution, which takes a third of the time."""
     return replace(bench, frustum=replace(bench.frustum, resolution=(32, 32)))
 
 
 @pytest.fixture(scope="module")
 def points(bench: Scene) -> dict[str, Any]:
-    """True positions (H, W, 3), and positions drawn with a near offset."""
+    """Return true positions (H, W, 3), and positions drawn with a near offset."""
     scene, aperture = half(bench), bench.plate.aperture(*PLACE)
     true = Reference(scene).trace(aperture).position
     with Rasterizer(scene) as rasterizer:
@@ -62,7 +62,7 @@ def test_the_truth_is_right_however_exactly_it_is_stored_and_errors_are_not(
         return xfrustum.verify(half(bench), str(tmp_path / "h_{i}x{j}.exr"), apertures=[PLACE])
 
     assert judged("true").passed
-    # Reading differs among the kinds of storage; judging does not.
+    # Readers differ among the kinds of storage; judging does not.
     if stored == "half":
         assert [fault.fault for fault in judged("offset").diagnosis.faults] == ["near"]
 
@@ -82,7 +82,7 @@ def test_files_of_other_programs_are_read_as_they_are_meant(
     bench: Scene, tmp_path: Path, name: str, right: bool
 ) -> None:
     (tmp_path / "h_2x2.exr").symlink_to(TRIED / f"{name}.exr")
-    # The beauty part of one of them is black all over.
+    # One of the files has a black beauty part.
     options = {"apertures": [(2, 2)], "compare": "geometry"}
     result = xfrustum.verify(bench, str(tmp_path / "h_{i}x{j}.exr"), **options)
     assert result.passed == right

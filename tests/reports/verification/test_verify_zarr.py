@@ -1,4 +1,4 @@
-"""Plates in Zarr groups are judged by their triangle numbers and their colors."""
+"""Plates in Zarr groups are judged by their triangle numbers and colors."""
 
 import json
 from dataclasses import replace
@@ -38,7 +38,7 @@ def drawn(world: Scene) -> dict[Aperture, HogelImage]:
 
 
 def group_of(images: dict[Aperture, HogelImage], **arrays: Any) -> str:
-    """Write a foreign group, whose arrays are functions of an image by name; return its place."""
+    """Write a foreign group with arrays that are functions of an image; return its path."""
     group = zarr.create_group("foreign.zarr")
     for name, values in arrays.items():
         stack = np.stack([values(image) for image in images.values()])
