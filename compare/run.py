@@ -1,11 +1,10 @@
-"""Many hogels drawn and judged: the one loop behind reports, surveys, plans and plates.
+"""Drawing and judging of many hogels: the loop behind reports, surveys, plans and plates.
 
-The caller's thread traces truths and draws frames, because it owns the OpenGL context. As many
-threads as there are processors judge: a task is submitted when all its images exist, so that no
-task waits for another. Results come in order, and a bounded number of images is ahead of the
-caller.
+The caller's thread owns the OpenGL context: it traces truths and draws frames. Other threads, one
+per processor, judge. A task is submitted when all its images exist, so that no task waits for
+another. Results are yielded in order; the number of images in memory is bounded.
 
-The settings of a task differ in their depth buffers alone. They share the traced links of the chain
+The settings of a task differ only in their depth buffers. They share the traced links of the chain
 (T1 to T4), the frame with linear depth (R0), and the predictions.
 """
 
@@ -44,21 +43,21 @@ Result = TypeVar("Result")
 NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
 
 IMAGES_PER_THREAD = 4
-"""Images under way for each judging thread: enough that no thread waits for an image."""
+"""Images in memory for each judging thread: enough that no thread waits for an image."""
 
 MAX_CONCURRENT_PIXELS = 1 << 23
-"""Largest number of pixels of all images under way, unless two have more.
+"""Largest number of pixels of all images in memory, unless two images have more.
 
-An image takes about 240 bytes a pixel with its truth and its error maps, so that this is 2 GB."""
+An image with its truth and error maps takes about 240 bytes per pixel, 2 GB in all."""
 
 
 def images_under_way(pixels: int) -> int:
-    """Return the largest number of images that are made and not yet handed to the caller."""
+    """Return the largest number of images in memory that are not yet yielded."""
     return max(2, min(IMAGES_PER_THREAD * worker_count(), MAX_CONCURRENT_PIXELS // pixels))
 
 
 def in_order(tasks: Iterable[Future[Result]], most: int) -> Generator[Result, None, None]:
-    """Yield results in order with at most `most` tasks ahead; an end cancels the rest."""
+    """Yield results in order, at most `most` tasks ahead; closing cancels the remaining tasks."""
     waiting: deque[Future[Result]] = deque()
     try:
         for task in tasks:
@@ -74,7 +73,7 @@ def in_order(tasks: Iterable[Future[Result]], most: int) -> Generator[Result, No
 
 @dataclass(frozen=True, kw_only=True)
 class FrameRequest:
-    """Properties of judged frames beside their geometry."""
+    """Measures of frames in addition to geometry."""
 
     color: bool = False  #: color of frames
     colored_truths: bool = True  #: color of truths, where frames have color
@@ -87,7 +86,7 @@ class FrameRequest:
 class StageTimes:
     """Wall seconds of the stages of one frame; stages of other frames run at the same time."""
 
-    #: the hogel's certified truth, the same for all its frames; 0 where it was there already
+    #: certified truth of the hogel, equal for all its frames; 0 if the truth was given
     trace: float
     raster: float
     compare: float
@@ -97,14 +96,14 @@ class StageTimes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedFrame:
-    """A frame with all that was found of it."""
+    """A frame with all its measures."""
 
     aperture: Aperture
     truth: HogelImage
     settings: DoubleFrustum
     image: HogelImage
     comparison: Comparison
-    prediction: Prediction | None  #: None, like the budget, without causes
+    prediction: Prediction | None  #: None without causes, like `budget`
     budget: Budget | None
     times: StageTimes
     gpu_s: float  #: part of `times.raster` in which the device drew, by its own clock
@@ -112,16 +111,16 @@ class JudgedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class JudgedDrawing(ShortRepr):
-    """One drawing of a hogel, judged by the truth."""
+    """One drawing of a hogel, compared with the truth."""
 
     settings: DoubleFrustum
-    comparison: ComparisonNumbers  #: a `Comparison`, which has maps, where images are kept
+    comparison: ComparisonNumbers  #: a `Comparison` with maps if images are kept
     image: HogelImage | None
     causes: (
         tuple[Cause, ...] | None
-    )  #: effect of each link; None, like the next two, without causes
-    unexplained: int | None  #: wrong pixels charged to rounding whose cause is not known
-    predicted: Prediction | None  #: the error by closed forms
+    )  #: effect of each link; None without causes, like the next two fields
+    unexplained: int | None  #: wrong pixels charged to rounding, without an explanation
+    predicted: Prediction | None  #: predicted error in closed form
     times: StageTimes
 
     @classmethod
@@ -141,7 +140,7 @@ class JudgedDrawing(ShortRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class JudgedHogel(ShortRepr):
-    """One hogel with its drawings, judged, in the order of the settings."""
+    """One hogel with its judged drawings in the order of the settings."""
 
     aperture: Aperture
     truth: HogelImage | None  #: None unless images are kept
@@ -149,12 +148,11 @@ class JudgedHogel(ShortRepr):
 
 
 class Evaluator:
-    """A reference and a rasterizer of one scene: drawn hogels are judged by traced truths.
+    """Reference and rasterizer of one scene: drawn hogels are judged by traced truths.
 
-    A context manager for one thread: leaving it frees the rasterizer. The tracer does not matter
-    where there is a reference; effects are the effects that the scene needs where they are None;
-    `model` describes the device, None for the known model of the device at hand. Raises InputError
-    if there is no such tracer, or no usable OpenGL.
+    A context manager for one thread; leaving it frees the rasterizer. `tracer` has no effect if a
+    reference is given. `effects` None: the effects that the scene needs. `model` None: the known
+    model of the OpenGL device. Raises InputError for an unknown tracer, or without usable OpenGL.
     """
 
     def __init__(
@@ -179,25 +177,25 @@ class Evaluator:
         self.release()
 
     def release(self) -> None:
-        """Free the rasterizer; again, it does nothing."""
+        """Free the rasterizer; further calls have no effect."""
         if not self._released:
             self._released = True
             self.rasterizer.release()
 
     def decide(self, tile: PlateTile) -> None:
-        """Decide the truths of all hogels of a tile by directions, before they are judged."""
-        # The last tile's memory is free for this one.
+        """Compute the truths of all hogels of a tile by directions, before judging the hogels."""
+        # Free the memory of the previous tile first.
         self.reference = self._by_hogels
         self.reference = self._by_hogels.with_tile(tile, gaps=True)
 
     @property
     def model(self) -> DeviceModel:
-        """The model of the device that draws, by which pixels are explained."""
+        """Rounding model of the device that draws, which explains pixels."""
         return self.rasterizer.model
 
     @property
     def device(self) -> dict[str, str]:
-        """Names of the device that draws."""
+        """Names of the drawing device."""
         return self.rasterizer.device
 
     def stream(
@@ -208,14 +206,13 @@ class Evaluator:
         radiance: bool | None = None,
         causes: bool = False,
     ) -> Iterator[JudgedHogel]:
-        """Yield many hogels, judged, in the order of their apertures.
+        """Yield judged hogels in the order of their apertures.
 
-        Apertures are taken some ahead of the hogels that have been yielded. Memory does not grow
-        with their number. Closing the iterator early ends the work. InputError if there are no
-        settings, or they make no sense for the scene's frustum.
+        Some apertures are read ahead; memory does not grow with their number. Closing the iterator
+        ends the work. Raises InputError without settings, or if settings do not fit the frustum.
 
-        `images` keeps truths, drawings in color and error maps. `radiance` compares colors; None
-        does so for scenes with materials or lights. `causes` predicts errors, and charges wrong
+        `images` keeps truths, drawings in color and error maps. `radiance` compares colors;
+        None: only in scenes with materials or lights. `causes` predicts errors, and charges wrong
         pixels to causes.
         """
         colors = is_shaded(self.scene) if radiance is None else radiance
@@ -230,7 +227,7 @@ class Evaluator:
         images: bool,
     ) -> Iterator[JudgedHogel]:
         # The frames of a hogel follow one another; equal settings are drawn once.
-        with closing(frames):  # a generator
+        with closing(frames):
             while of_hogel := list(islice(frames, len(set(settings)))):
                 drawings = {
                     frame.settings: JudgedDrawing.from_frame(frame, images=images)
@@ -249,16 +246,16 @@ class Evaluator:
         request: FrameRequest,
         truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
     ) -> Generator[JudgedFrame, None, None]:
-        """Yield each judged frame, hogel by hogel, frames of the same cameras together.
+        """Yield judged frames hogel by hogel; frames of equal cameras follow each other.
 
-        Equal settings are drawn once; existing truths are not traced again.
+        Equal settings are drawn once; given truths are not traced again.
         """
         if not settings:
             raise InputError("nothing to judge: give at least one setting")
         for setting in settings:
             one_of(setting, DoubleFrustum, "settings")
             setting.check_against(self.scene.frustum)
-        # By near, then by cameras, both in the order in which they are first named.
+        # Group by near, then by cameras, in the order of their first occurrence.
         nears: dict[float, dict[DoubleFrustum, list[DoubleFrustum]]] = {}
         for setting in dict.fromkeys(settings):
             cameras = nears.setdefault(setting.near, {})
@@ -271,13 +268,13 @@ class Evaluator:
     ) -> Generator[JudgedFrame, None, None]:
         """Trace and draw in this thread, judge in others, and yield the frames in order."""
         pixels = math.prod(self.scene.frustum.resolution)
-        # A task holds all frames of its cameras. With fewer than two tasks, drawing and judging
-        # would take turns instead of overlapping.
+        # A task has all frames of its cameras. Drawing and judging overlap only with at least two
+        # tasks.
         largest = max(len(settings) for of_near in groups for settings in of_near)
         most = max(2, images_under_way(pixels) // largest)
 
         def tasks() -> Iterator[Future[list[JudgedFrame]]]:
-            # The next truth is traced early: its predictor is made while frames are drawn.
+            # Trace the next truth early: its predictor is computed while frames are drawn.
             begun = (
                 (truth, pool.submit(Predictor, truth.image, self.reference, self.model))
                 if request.causes
@@ -295,15 +292,15 @@ class Evaluator:
                     )
                     yield pool.submit(judge_frames, self.reference, self.model, request, images)
 
-        # NumPy and the tracers release the interpreter lock in their large loops: threads scale,
-        # and images need not be copied to other processes.
+        # Threads scale, because NumPy and the tracers release the interpreter lock in large loops;
+        # processes would have to copy images.
         pool = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
         try:
             with closing(in_order(tasks(), most)) as judged:
                 for frames in judged:
                     yield from frames
         finally:
-            # A closed generator or an error leaves tasks behind, whose results are not needed.
+            # After an early end or an error, results of remaining tasks are not needed.
             pool.shutdown(cancel_futures=True)
 
     def _truths(
@@ -324,9 +321,9 @@ class Evaluator:
     def _drawn(
         self, truth: _Truth, groups: CameraGroups, request: FrameRequest
     ) -> Iterator[tuple[Frames, tuple[HogelImage, ...]]]:
-        """Yield the frames of a hogel by each camera, with the chain up to R0, for causes."""
+        """Yield the frames of a hogel by cameras, for causes with the chain up to R0."""
         for of_near in groups:
-            # Geometries of one near share some traced models.
+            # Cameras with the same near share some traced models.
             traced: dict[DoubleFrustum, HogelImage] = {}
             for settings in of_near:
                 frames = {
@@ -336,7 +333,7 @@ class Evaluator:
                 start: tuple[HogelImage, ...] = ()
                 if request.causes:
                     exact = with_exact_depth(settings[0])
-                    # The frame with exact depth may be among the requested frames.
+                    # The requested frames may include the frame with exact depth.
                     last, _ = frames.get(exact) or self._draw(truth.aperture, exact, color=False)
                     models = traced_models(
                         self.reference, truth.aperture, exact, traced, shaded=False
@@ -347,22 +344,22 @@ class Evaluator:
     def _draw(
         self, aperture: Aperture, setting: DoubleFrustum, *, color: bool
     ) -> tuple[Drawn, float]:
-        """Draw a frame; return it with the wall seconds."""
+        """Draw a frame; return the frame and the wall seconds."""
         begun = time.perf_counter()
         drawn = self.rasterizer.draw(aperture, setting, normals=False, color=color)
         return drawn, time.perf_counter() - begun
 
 
-#: settings by near, and of each near by their cameras
+#: settings grouped by near, then by cameras
 CameraGroups = Sequence[Sequence[Sequence[DoubleFrustum]]]
 
-#: frames with the wall seconds of drawing them
+#: frames with their drawing times, wall seconds
 Frames = Mapping[DoubleFrustum, tuple[Drawn, float]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Truth:
-    """The truth of a hogel that is to be drawn."""
+    """Truth of a hogel before drawing."""
 
     aperture: Aperture
     image: HogelImage
@@ -371,7 +368,7 @@ class _Truth:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameImages:
-    """Images of one hogel with settings that differ in their depth buffers alone."""
+    """Images of one hogel whose settings differ only in their depth buffers."""
 
     truth: _Truth
     frames: Frames
@@ -382,7 +379,7 @@ class FrameImages:
 def judge_frames(
     reference: Reference, device: DeviceModel, request: FrameRequest, images: FrameImages
 ) -> list[JudgedFrame]:
-    """Compare frames of the same cameras with the truth; with causes predict and charge errors."""
+    """Compare frames of equal cameras with the truth; with causes, predict and charge errors."""
     begun, settings, truth = time.perf_counter(), list(images.frames), images.truth
     start, cached, predictions = None, None, []
     shared_s, predict_s = 0.0, 0.0
@@ -402,14 +399,14 @@ def judge_frames(
             perceptual=request.perceptual,
             cached_errors=cached,
         )
-        # Without causes the first frame stands in for R0: the others differ from it at few pixels.
+        # Without causes the first frame replaces R0: other frames differ from it at few pixels.
         cached = cached or comparison.errors
         compared = time.perf_counter()
         prediction, budget, causes_s = None, None, 0.0
         if start is not None:
             prediction = predictions[place][0]
             budget = charged(start, comparison.errors, predictions[place])
-            # Every frame bears its share of the work that the frames have in common.
+            # Divide the time of shared work equally among the frames.
             causes_s = time.perf_counter() - compared + shared_s / len(settings)
         times = StageTimes(
             trace=truth.trace_s,

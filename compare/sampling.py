@@ -1,19 +1,19 @@
-"""Samples of a plate's hogels, and bounds of the share of all hogels with a property.
+"""Samples of a plate's hogels, and bounds on the share of all hogels with a property.
 
-The bound of `survey` is `share_beyond`, with the risk of `risk_of_claim`; the bound of `plan` is
-`share_at_most`.
+`survey` uses the bound `share_beyond` with the risk `risk_of_claim`; `plan` uses `share_at_most`.
 
-**One sample.** A path runs to and fro over the rows of the plate, and a sample has one hogel, drawn
-at random, from each of n equal runs of this path. Let p be the mean over the runs of their share of
-hogels with a property. The number of such hogels in the sample is a sum of independent trials whose
-probabilities have the mean p, and such a sum falls far below its mean less often than a binomial
-number does (Hoeffding 1956): where P(binomial <= c) <= alpha < 1/4, P(number <= c) is no larger. So
-the bound of Clopper and Pearson is conservative, also for simple random samples without replacement
-(Hoeffding 1963). The theorem excludes the case of all hogels but one; there nothing is claimed.
-Runs of unequal length differ by one hogel, which `share_beyond` allows for.
+**One sample.** A path runs to and fro over the rows of the plate. It is divided into n equal runs,
+and the sample has one random hogel from each run. Let p be the mean over the runs of the share of
+hogels with the property. The number of sampled hogels with the property is a sum of independent
+trials whose probabilities have the mean p. The lower tail of this sum is lighter than the binomial
+tail (Hoeffding 1956): if P(binomial <= c) <= alpha < 1/4, then P(number <= c) <= P(binomial <= c).
+Hence the bound of Clopper and Pearson is conservative, also for simple random samples without
+replacement (Hoeffding 1963). The theorem excludes samples in which all hogels but one have the
+property; no bound is claimed there. Runs of unequal length differ by one hogel, which
+`share_beyond` takes into account.
 
-**Samples that grow.** Each further sample has twice as many hogels: every run is halved, the half
-that has a hogel keeps it, and one is drawn from the other half. So every sample is again one
+**Growing samples.** Each further sample has twice as many hogels: every run is halved, one half
+contains the sampled hogel, and a hogel is drawn from the other half. So each sample again has one
 uniform and independent hogel from each run.
 """
 
@@ -37,7 +37,7 @@ CONFIDENCE = 0.95  #: probability that the bound on the share of hogels holds
 
 
 def aperture_at(plate: Plate, place: int) -> Aperture:
-    """Return the aperture at a place, from 0, of the path to and fro over a plate's rows."""
+    """Return the aperture at a place (from 0) on the path to and fro over the plate's rows."""
     columns = plate.hogels[0]
     row, along = divmod(int(place), columns)
     return plate.aperture(columns - 1 - along if row % 2 else along, row)
@@ -58,7 +58,7 @@ class PathApertures(Sequence[Aperture]):
     @overload
     def __getitem__(self, index: slice) -> PathApertures: ...
     def __getitem__(self, index: int | slice) -> Aperture | PathApertures:
-        """Return an aperture by its number, or some of them."""
+        """Return one aperture by its number, or a slice of apertures."""
         if isinstance(index, slice):
             return PathApertures(self.plate, self.places[index])
         return aperture_at(self.plate, self.places[index])
@@ -93,14 +93,14 @@ class RandomSample:
         settle(self, hogels=hogels, seed=seed)
 
     def next(self) -> RandomSample:
-        """Return another sample, as large and independent of this one."""
+        """Return an independent sample of the same size."""
         return replace(self, seed=self.seed + 1)
 
 
 def sample_hogels(
     plate: Plate, sample: RandomSample, without: Sequence[Aperture]
 ) -> list[Aperture]:
-    """Draw a hogel from each of the equal runs of the path, without excluded apertures."""
+    """Draw one hogel from each equal run of the path, without excluded apertures."""
     taken = [place_of(plate, aperture) for aperture in without]
     path = np.setdiff1d(np.arange(math.prod(plate.hogels)), np.array(taken, dtype=np.int64))
     random = np.random.default_rng(sample.seed)
@@ -110,7 +110,7 @@ def sample_hogels(
 
 @dataclass(frozen=True, kw_only=True)
 class GrowingSample:
-    """Nested samples of hogels, each twice as large as the one before; `first` is the first."""
+    """Nested samples of hogels, each twice the size of the previous; `first` is the first size."""
 
     hogels: int
     first: int
@@ -122,7 +122,7 @@ class GrowingSample:
 
     @property
     def looks(self) -> int:
-        """Number of samples until there is no hogel left."""
+        """Number of samples until all hogels are sampled."""
         return 1 + math.ceil(math.log2(self.hogels / self.first))
 
     def places(self, look: int) -> Indices:
@@ -134,18 +134,18 @@ class GrowingSample:
             random = np.random.default_rng((self.seed, number))
             drawn = random.integers(ends[:-1], np.maximum(ends[1:], ends[:-1] + 1))
             drawn[np.searchsorted(ends, places, side="right") - 1] = places
-            # With more runs than hogels some are empty, and the others have one hogel each.
+            # With more runs than hogels, some runs are empty and the others have one hogel each.
             places = np.asarray(drawn[ends[1:] > ends[:-1]], dtype=np.int64)
         return places
 
     def new_places(self, look: int) -> Indices:
-        """Return the elements of `places` that the sample before lacks."""
+        """Return the elements of `places` that the previous sample lacks."""
         places = self.places(look)
         return np.setdiff1d(places, self.places(look - 1), assume_unique=True) if look else places
 
 
 def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> float:
-    """Return the upper bound of the share with a property, by Clopper and Pearson (1934)."""
+    """Return the upper bound by Clopper and Pearson (1934) on the share with a property."""
     if beyond >= sampled:
         return 1.0
     test = scipy.stats.binomtest(beyond, sampled, alternative="less")
@@ -157,8 +157,8 @@ def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFID
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
         return possible
-    # A run may hold more hogels than the mean one, all with the property: then the plate's share is
-    # larger than the mean of the runs' shares, by this factor at most.
+    # Runs longer than the mean run may consist of hogels with the property: the plate's share is
+    # then larger than the mean share of the runs, by at most this factor.
     longest = math.ceil(hogels / judged) * judged / hogels
     return min(possible, longest * share_at_most(beyond, judged, 1 - risk))
 
@@ -171,18 +171,19 @@ def share_beyond_at_least(
 
 
 def risk_of_claim(settings: int = 1, look: int | None = None) -> float:
-    """Return the error probability of one bound of a survey, for all to hold together.
+    """Return the error probability of a single bound, so that all bounds hold together.
 
     Settings share the risk equally (Bonferroni). Looks share it in the parts 1/2, 1/6, 1/12, ..
     1/(k (k + 1)), which add up to one: all bounds hold together, wherever the survey stops (the
-    union bound, which needs no independence). `look` is 0 for the first, None for the only one.
+    union bound, which needs no independence). `look` is 0 for the first look, None for a single
+    sample.
     """
     risk = (1 - CONFIDENCE) / settings
     return risk if look is None else risk / ((look + 1) * (look + 2))
 
 
 def clean_sample(share: float, hogels: int, risk: float) -> int:
-    """Return the smallest first sample (at most all) that bounds a share with no hogel in it."""
+    """Return the smallest first sample that bounds the share if no sampled hogel is beyond."""
     if share <= 0:
         return hogels
     size = min(hogels, max(1, math.floor(math.log(risk) / math.log1p(-min(share, 1 - 1e-9)))))
@@ -191,8 +192,8 @@ def clean_sample(share: float, hogels: int, risk: float) -> int:
     return size
 
 
-#: Default size of a sample, hogels: if none of them is beyond the limits, at most 1 % of all are,
-#: with a confidence of 95 % (0.95 to the power 1/299 is 0.99).
+#: Default number of sampled hogels. If none is beyond the limits, at most 1 % of all hogels are,
+#: with 95 % confidence (0.05 to the power 1/299 is 0.99).
 DEFAULT_SAMPLE = 300
 
 
@@ -204,7 +205,7 @@ class SampleRequest:
     #: Share of the plate, 0 to 1, at which growing samples stop. The first sample is the smallest
     #: that bounds this share if none of its hogels is beyond the limits.
     until: float | None = None
-    seed: int = 0  #: start of the random numbers
+    seed: int = 0  #: seed of the random numbers, >= 0
 
     def __post_init__(self) -> None:
         if self.until is not None and not 0 < real(self.until) < 1:
@@ -213,13 +214,13 @@ class SampleRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class PlateSample:
-    """Hogels of a plate to judge: a whole population, or samples that grow from look to look."""
+    """Hogels to judge: a whole population, or samples that grow from look to look."""
 
     hogels: int  #: hogels of the plate
-    population: Indices | range  #: places on the path of `aperture_at`; all others show nothing
+    population: Indices | range  #: places on the path of `aperture_at`; other hogels show nothing
     growing: GrowingSample | None  #: samples of the population; None for all of it
     until: float | None  #: share of the plate at which growing samples stop
-    claims: int = 1  #: settings with a bound of their own; all bounds hold together
+    claims: int = 1  #: number of settings, each with a bound; all bounds hold together
 
     @classmethod
     def from_request(
@@ -229,7 +230,7 @@ class PlateSample:
         population: Indices | range | None = None,
         claims: int = 1,
     ) -> PlateSample:
-        """Return the sample of a plate, or of a part of it outside of which nothing is visible."""
+        """Return the sample of a plate, or of the population of hogels that may show something."""
         population, first = range(hogels) if population is None else population, request.sample
         if request.until is not None:
             share = min(1.0, request.until * hogels / len(population))
@@ -247,7 +248,7 @@ class PlateSample:
 
     @property
     def looks(self) -> int:
-        """Largest number of samples, each of which contains the one before."""
+        """Largest number of looks; each look extends the previous sample."""
         return 1 if self.growing is None or self.until is None else self.growing.looks
 
     @property
@@ -257,30 +258,30 @@ class PlateSample:
 
     @property
     def description(self) -> dict[str, int | float | None]:
-        """Numbers that decide the hogels, in JSON's types."""
+        """Numbers that determine the hogels, in JSON types."""
         seed = None if self.growing is None else self.growing.seed
         sizes = {"hogels": self.hogels, "population": len(self.population)}
         return {**sizes, "first": self.first_size, "until": self.until, "seed": seed}
 
     def new_places(self, look: int) -> Sequence[int]:
-        """Return the places that a look adds to the one before."""
+        """Return the places that a look adds to the previous sample."""
         if self.growing is not None:
             chosen = np.asarray(self.population)[self.growing.new_places(look)]
             return chosen.tolist()  # type: ignore[no-any-return]
-        # A range stays one: plates have millions of hogels.
+        # Keep a range as it costs no memory: plates have millions of hogels.
         return self.population if isinstance(self.population, range) else self.population.tolist()
 
     def extent(self, judged: int, look: int = 0, *, complete: bool = True) -> SampleExtent:
-        """Return the claims that the judged hogels allow."""
+        """Return the extent of the judged hogels, with its bounds."""
         return SampleExtent(sample=self, judged=judged, look=look, complete=complete)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampleExtent:
-    """Hogels judged so far, and the bounds on shares of the plate that they allow."""
+    """Number of judged hogels, and the resulting bounds on shares of the plate."""
 
     sample: PlateSample
-    judged: int  #: hogels
+    judged: int  #: number of judged hogels
     look: int  #: number of the latest look, >= 0
     complete: (
         bool  #: whether all hogels of the look are judged; parts of a job array may be missing
@@ -288,12 +289,12 @@ class SampleExtent:
 
     @property
     def everything(self) -> bool:
-        """Completeness: every hogel of the plate was judged or shows nothing."""
+        """True if every hogel of the plate was judged or shows nothing."""
         return self.judged == len(self.sample.population)
 
     @property
     def confidence(self) -> float:
-        """Probability that all bounds hold together; 1 where every hogel was judged."""
+        """Probability that all bounds hold together; 1 if every hogel was judged."""
         return 1.0 if self.everything else CONFIDENCE
 
     @property
@@ -312,10 +313,10 @@ class SampleExtent:
         return share_beyond(beyond, self.judged, seeing, self._risk) * seeing / hogels
 
     def decides(self, beyond: int) -> bool:
-        """Return whether the share surely keeps the limit `until`, or surely exceeds it.
+        """Return whether the share is certainly within or certainly above the limit `until`.
 
-        Stopping where a share surely exceeds the limit costs no risk: the claims are the upper
-        bounds, and these hold at all looks together.
+        Stopping above the limit costs no risk: only the upper bounds are claimed, and they hold at
+        all looks together.
         """
         bound, limit = self.at_most(beyond), self.sample.until
         if limit is None or bound is None or self.everything or bound <= limit:

@@ -1,8 +1,8 @@
-"""Coarse films of certified lines through apertures all over a plate, and the `auto` choice.
+"""Scan of apertures all over a plate by coarse certified films, and the `auto` choice.
 
-The displacement by the near offset is (W/2) |u| n / (|z| + n): the *nearest visible* |z| decides
-it, and that changes from aperture to aperture by orders of magnitude while pictures hardly change.
-So apertures are chosen by their visible content near the plate, never by their position alone
+The displacement by the near offset is (W/2) |u| n / (|z| + n). It depends on the *nearest visible*
+|z|, which differs between apertures by orders of magnitude even if their pictures hardly differ.
+So apertures are chosen by their visible content near the plate, not only by position
 (docs/method.md, "The plate").
 """
 
@@ -26,25 +26,25 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-#: Lines along each side of the coarse film: 576 through an aperture, of which one in a hundred is
-#: six.
+#: Lines along each side of the coarse film: 576 lines per aperture, of which 1 % are six lines.
 FILM_PIXELS = 24
 
-#: Apertures of the first lattice, about; a look costs some 10 ms on a mesh of 40,000 triangles.
+#: Approximate number of apertures of the first lattice; an aperture takes some 10 ms on a mesh of
+#: 40,000 triangles.
 LATTICE_APERTURES = 400
 
-#: Largest number of apertures that are looked through, those around the worst ones included.
+#: Largest number of scanned apertures, including neighbors of the worst.
 MAX_APERTURES = 1000
 
-#: Number of apertures with vertices right behind or before them, the nearest ones: they reveal
+#: Number of scanned apertures whose cells contain the vertices nearest to the plate: they show
 #: surfaces smaller than the lattice spacing.
 NEAREST_APERTURES = 200
 
-#: Difference of the heights of neighboring lines, relative to the larger one, from which on an
-#: outline lies between them.
+#: Smallest difference of heights of neighboring lines, relative to the larger height, that counts
+#: as an outline.
 OUTLINE_JUMP = 0.1
 
-REFINED_APERTURES = 16  #: number of worst apertures so far whose neighbors are looked through next
+REFINED_APERTURES = 16  #: number of worst apertures whose neighbors are scanned next
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,12 +52,11 @@ class CoarseView:
     """Content of the coarse film of one aperture."""
 
     aperture: Aperture
-    #: (h, w) heights of the first surfaces, NaN without a surface, 0 where the line ends in the
-    #: aperture
+    #: (h, w) heights of the first surfaces; NaN without a surface, 0 for a surface in the aperture
     height: Floats
     camera: HogelCamera  #: the true frustum, with the resolution of the scene
     outline_widths: (
-        float  #: borders between objects, and between them and nothing, in widths of the film
+        float  #: length of outlines between objects or background, in widths of the film
     )
 
     @classmethod
@@ -75,7 +74,7 @@ class CoarseView:
 
     @cached_property
     def points(self) -> TruePoints:
-        """Visible surface points off the plate, at their places on the scene's own film."""
+        """Visible surface points outside the plate, with their film positions in scene pixels."""
         sides = [
             ((2 * np.arange(count) + 1) / count - 1) * pixels / 2
             for count, pixels in zip(self.height.shape[::-1], self.camera.resolution, strict=True)
@@ -88,11 +87,11 @@ class CoarseView:
 
     @property
     def nearest(self) -> float:
-        """Smallest visible |z|, scene units; infinite where nothing is seen."""
+        """Smallest visible |z|, scene units; infinite without a visible surface."""
         return float(np.nanmin(np.abs(self.height), initial=np.inf))
 
     def farthest(self, camera: Camera) -> float:
-        """Return the largest |z| seen on the side of one camera; 0 where it sees nothing."""
+        """Return the largest visible |z| on the side of one camera; 0 without a surface."""
         return float(np.nanmax(-self.height if camera is Camera.C else self.height, initial=0.0))
 
     @cached_property
@@ -102,16 +101,16 @@ class CoarseView:
             return self._p99(self.points.radius / np.abs(self.height))
 
     def displacement_p99_px(self, settings: DoubleFrustum, scene: Scene) -> float:
-        """Return the 99th percentile of displacement by closed form; see the module."""
+        """Return the 99th percentile of displacement, pixels, in closed form (see the module)."""
         return self._p99(
             np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0)
         )
 
     def wrong_share(self, settings: DoubleFrustum, scene: Scene) -> float:
-        """Return the estimated share of wrong-surface pixels that displacement opens at outlines.
+        """Return the estimated share of pixels at outlines with a wrong surface by displacement.
 
-        At an outline the surfaces on both sides part by the difference of their displacements,
-        radial ones, of which the part across the outline counts. Structures finer than the film are
+        Displacements are radial. At an outline, the surfaces on both sides separate by the
+        difference of their displacements across the outline. Structures finer than the film are
         missed.
         """
         moved = np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0)
@@ -128,7 +127,7 @@ class CoarseView:
         return share
 
     def _p99(self, moved: Floats) -> float:
-        """Return the percentile of displacements (h, w) on surfaces; infinite in the aperture."""
+        """Return the percentile of displacements (h, w); a surface in the aperture is infinite."""
         seen = np.isfinite(self.height)
         if not seen.any():
             return 0.0
@@ -138,40 +137,40 @@ class CoarseView:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateScan:
-    """Looks through apertures all over a plate, in the order of rows and columns."""
+    """Coarse views of apertures all over a plate, in the order of rows and columns."""
 
     scene: Scene
     looks: tuple[CoarseView, ...]
 
     @property
     def apertures(self) -> tuple[Aperture, ...]:
-        """The apertures that were looked through."""
+        """Scanned apertures."""
         return tuple(look.aperture for look in self.looks)
 
     def displacements(self, settings: DoubleFrustum) -> Floats:
-        """Return (A,) the 99th percentile of displacement of each look, pixels, by closed form."""
+        """Return the 99th percentile of displacement of each view (A,), pixels, in closed form."""
         return np.array([look.displacement_p99_px(settings, self.scene) for look in self.looks])
 
     def wrong_shares(self, settings: DoubleFrustum) -> Floats:
-        """Return (A,) the estimated share of pixels with the wrong surface of each look."""
+        """Return the estimated share of pixels with a wrong surface in each view (A,)."""
         return np.array([look.wrong_share(settings, self.scene) for look in self.looks])
 
     def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[CoarseView]:
-        """Return the looks with the largest displacement, worst first (None: any small near)."""
+        """Return the views with the largest displacement, worst first (None: for small near)."""
         of_small_near = [look.pixels_per_near for look in self.looks]
         errors = np.array(of_small_near) if settings is None else self.displacements(settings)
         return [self.looks[number] for number in np.argsort(-errors, kind="stable")[:count]]
 
     def farthest(self, camera: Camera) -> CoarseView:
-        """Return the look with the farthest surface on the side of one camera."""
+        """Return the view with the farthest surface on the side of one camera."""
         return max(self.looks, key=lambda look: look.farthest(camera))
 
 
 def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
     """Return the hogels whose cells have vertices nearest to the plate, nearest first.
 
-    A triangle that does not cross the plate is nearest to it at a vertex. Vertices in the plate
-    count last: no near draws their hogels.
+    A triangle that does not cross the plate is nearest to the plate at a vertex. Vertices in the
+    plate come last, because no near draws their hogels correctly.
     """
     places = scene.triangles.reshape(-1, 3)
     columns, rows = scene.plate.hogels
@@ -188,15 +187,15 @@ def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
 
 
 def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> PlateScan:
-    """Scan apertures all over the plate, and more apertures where the error is largest.
+    """Scan apertures all over the plate, more densely where the error is largest.
 
-    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Apertures
-    join it that have vertices nearest to the plate behind or before them (`nearest_cells`). Then
-    the neighbors of the worst are looked through, at half the distance each time, until the worst
-    ones have no neighbor left or `MAX_APERTURES` are reached. `done` is called after each look,
-    with 1.
+    The first lattice has about `LATTICE_APERTURES` apertures, always with the corners and the
+    middle. Apertures whose cells contain the vertices nearest to the plate follow
+    (`nearest_cells`). Then the neighbors of the worst apertures are scanned, at half the distance
+    each time, until no unscanned neighbor remains or `MAX_APERTURES` are reached. `done` is called
+    with 1 after each aperture.
     """
-    # The scene's resolution does not matter to the cost.
+    # The cost is independent of the scene's resolution.
     frustum = replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS))
     reference = Reference(replace(scene, frustum=frustum), effects=frozenset())
     views: dict[tuple[int, int], CoarseView] = {}
@@ -214,7 +213,7 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> P
     if columns * rows <= LATTICE_APERTURES:
         counts = hogels
     else:
-        # As square as the plate's hogels allow.
+        # Choose cells of the lattice as square as possible.
         across = min(columns, max(2, round((LATTICE_APERTURES * columns / rows) ** 0.5)))
         counts = across, min(rows, max(2, LATTICE_APERTURES // across))
     ends = zip(hogels, counts, strict=True)
@@ -242,7 +241,7 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> P
 
 
 class Criterion(StrEnum):
-    """Respect in which a chosen aperture is the worst of those scanned."""
+    """Criterion by which an aperture is chosen."""
 
     MIDDLE = "middle"  #: the middle of the plate
     DISPLACEMENT = "displacement"  #: largest 99th percentile of displacement
@@ -256,20 +255,20 @@ class ChosenAperture:
 
     aperture: Aperture
     criteria: tuple[Criterion, ...]
-    view: CoarseView | None  #: None if the aperture sees nothing
+    view: CoarseView | None  #: None if the aperture shows nothing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AutoApertures:
-    """Apertures that `auto` chooses: the middle one, then the worst one by each criterion.
+    """Apertures that `auto` chooses: the middle, then the worst by each criterion.
 
-    More apertures than the worst would be as bad for the same reason.
+    Further apertures would be as bad for the same reason.
     """
 
     scout: PlateScan
     chosen: tuple[ChosenAperture, ...]
-    #: Number of scanned apertures with a surface in the aperture itself. No settings draw more than
-    #: a hundredth of their pictures. They are chosen only if there are no other apertures.
+    #: Number of scanned apertures with a surface in the aperture itself, which no settings draw
+    #: correctly. They are chosen only if there are no other apertures.
     blocked: int
 
     @property
@@ -286,7 +285,7 @@ class AutoApertures:
         criteria: dict[Aperture, list[Criterion]] = {}
         if not seeing or middle in seeing:
             criteria[middle] = [Criterion.MIDDLE]
-        # Among equally bad views the middle comes first, and saves the measurement of another.
+        # Prefer the middle among equally bad views: it is measured anyway.
         ordered = sorted(free or seeing.values(), key=lambda look: look.aperture != middle)
         if ordered:
             for look, criterion in (

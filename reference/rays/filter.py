@@ -1,10 +1,10 @@
-"""Filter in doubles: whether rays meet triangles and where, with every rounding bounded.
+"""Filter in doubles: intersections of rays and triangles, with bounds of all roundings.
 
-For q_i = p_i - o and the edges e_ij = p_j - p_i, the line o + t d passes the edge (i, j) on the
-side that the sign of d . (q_i x e_ij) states, and meets the plane at t = (q_0 . n) / (d . n). Both
-factors are differences of doubles, each with one rounding: the derivation for `cone`, whose edge
-functions have q_j for e_ij, holds here too. Bounds are tighter, because edges are shorter than the
-way from a distant origin.
+Let q_i = p_i - o and e_ij = p_j - p_i. The sign of d . (q_i x e_ij) is the side on which the line
+o + t d passes the edge (i, j); the line meets the plane at t = (q_0 . n) / (d . n). q_i and e_ij
+are differences of doubles with one rounding each, so the derivation for `cone`, whose edge
+functions have q_j in place of e_ij, holds here too. The bounds are tighter, because edges are
+shorter than the distance to a far origin.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ from xfrustum.reference.certify.cone import (
     in_range,
 )
 
-#: Bound of the rounding of an edge function, relative to the sum of its absolute products: 7 u by
-#: the derivation, and the rounding of the bound itself
+#: Rounding bound of an edge function, relative to the sum of its absolute products: 7 u by the
+#: derivation, and 1 u for the rounding of the bound itself
 EDGE_ROUNDING = 8 * UNIT_ROUNDOFF
 
-#: Bound of the errors that underflow causes in a sum of products of three, where coordinates are at
-#: most 2^42 and directions 1: some 2^-1074 of each factor times the two others, below 2^-980
+#: Underflow bound of a sum of products of three factors, for coordinates up to 2^42 and directions
+#: up to 1: some 2^-1074 in each factor times the two other factors, below 2^-980
 UNDERFLOW_BOUND = 2.0**-900
 
 
@@ -35,10 +35,10 @@ def meetings(
     direction: Sequence[Any],
     ends: Sequence[Any],
 ) -> tuple[Any, Any, Any, Any]:
-    """Return t, the bound of its error, whether rays surely meet triangles, and whether they may.
+    """Return t, its error bound, and whether rays certainly and possibly meet triangles.
 
-    One lane for each pair of a ray and a triangle, given by its three corners. `ends` are the
-    first and last t of each ray.
+    Each lane is a pair of a ray and a triangle; `corners` are the corners of the triangle, `ends`
+    the first and last t of the ray.
     """
     positive, negative = [], []
     for i, j in EDGES:
@@ -57,7 +57,7 @@ def meetings(
 def _planes_met(
     corners: Sequence[Sequence[Any]], origin: Sequence[Any], direction: Sequence[Any]
 ) -> tuple[Any, Any]:
-    """Return t where rays meet triangles' planes, and its error, as for the lines of an image."""
+    """Return t of rays in the planes of triangles, and its error, as for lines of an image."""
     planes = Planes.from_points(corners, origin, False)
     (nx, ny, nz), (mx, my, mz) = planes.normal, planes.magnitude
     dx, dy, dz = direction

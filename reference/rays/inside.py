@@ -1,9 +1,9 @@
-"""Points inside of, on, and outside of a surface: parity of crossings along +z, exactly.
+"""Location of points inside, on or outside a surface, exactly, by parity of crossings along +z.
 
-A point moves by an infinitesimal amount, (h, h^2, 0) with h > 0 as small as needed (simulation of
-simplicity, Edelsbrunner and Muecke, 1990). Its ray then passes no vertex, no edge and no triangle
-parallel to +z, and crosses each other triangle inside or not at all. Points on the surface are
-recognized before they move.
+A point is moved by an infinitesimal amount, (h, h^2, 0) with h > 0 as small as needed (simulation
+of simplicity, Edelsbrunner and Muecke, 1990). The ray of the moved point passes through no vertex,
+no edge and no triangle parallel to +z; it crosses any other triangle in its interior or not at all.
+Points on the surface are recognized before they are moved.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ def locate(mesh: ExactMesh, points: Floats) -> Indices:
     up[:, 2] = 1.0
     ends = np.tile([0.0, np.inf], (len(inside), 1))
     pairs = mesh.candidates(RayBatch(origins=inside, directions=up, ends=ends))
-    # A surely met triangle is crossed inside, above the point, before and after the point moves.
+    # The ray crosses a certain hit in its interior, above the point, before and after the move.
     crossings = np.bincount(pairs.ray[pairs.sure], minlength=len(inside))
     doubtful = pairs[~pairs.sure]
     on, crossed = crossings_above(mesh.triangles[doubtful.triangle], inside[doubtful.ray])
@@ -47,9 +47,9 @@ def locate(mesh: ExactMesh, points: Floats) -> Indices:
 
 
 def crossings_above(triangles: Floats, points: Floats) -> tuple[Mask, Mask]:
-    """Return which points lie on triangles (K, 3, 3), and which triangles lie above moved points.
+    """Return masks of points on triangles (K, 3, 3), and of triangles above moved points.
 
-    Points (K, 3) and triangles are paired; integers decide.
+    Points (K, 3) and triangles are paired; the decisions are made in integers.
     """
     (corners, start), _ = integers(triangles, points)
     p, origin = coordinates(corners), coordinates(start)
@@ -57,8 +57,8 @@ def crossings_above(triangles: Floats, points: Floats) -> tuple[Mask, Mask]:
     sides = [cross(q[i], q[j]) for i, j in ((0, 1), (1, 2), (2, 0))]
     normal = [sum(side[axis] for side in sides) for axis in range(3)]
     offset = dot(q[0], normal)
-    # On a triangle with area: in its plane, on the inner side of all edges. Without area: on its
-    # line, and within its box.
+    # A point is on a triangle with area if it is in the plane, on the inner side of all edges. It
+    # is on a triangle without area if it is on the line of its corners, within their box.
     in_plane = (offset == 0) & _all([dot(side, normal) >= 0 for side in sides])
     flat = _all([part == 0 for part in normal])
     on_line = _all([part == 0 for side in sides for part in side])
@@ -67,8 +67,8 @@ def crossings_above(triangles: Floats, points: Floats) -> tuple[Mask, Mask]:
         + [np.maximum.reduce([corner[axis] for corner in q]) >= 0 for axis in range(3)]
     )
     on = np.where(flat, on_line & in_box, in_plane)
-    # The sides of the moved point, seen along z: of E - h (y_j - y_i) + h^2 (x_j - x_i) the first
-    # term that is not zero.
+    # Sides of the moved point, projected along z: the sign of E - h (y_j - y_i) + h^2 (x_j - x_i)
+    # is the sign of the first term that is not zero.
     signs = []
     for (i, j), side in zip(((0, 1), (1, 2), (2, 0)), sides, strict=True):
         x, y, _ = difference(q[j], q[i])
@@ -83,7 +83,7 @@ def open_edges(triangles: Floats) -> int:
 
     Corners at the same position are one vertex. Zero means that the surface is closed.
     """
-    # 0.0 makes one number of the two zeros.
+    # Adding 0.0 turns -0.0 into 0.0.
     _, vertex = np.unique(triangles.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
     faces = vertex.reshape(-1, 3)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)

@@ -1,7 +1,7 @@
-"""Decisions in integers: pairs of a ray and a triangle, many at once.
+"""Decisions of many ray-triangle pairs in integers.
 
-Doubles times a power of two are integers. NumPy's arrays of Python's integers evaluate the formulas
-of `filter` without any rounding.
+Doubles times a power of two are integers. NumPy arrays of Python integers evaluate the formulas of
+`filter` without rounding.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from xfrustum.reference.backend import cross, difference, dot
 from xfrustum.scenes.arrays import Floats, Mask
 
-Integers = NDArray[np.object_]  # Python's integers
+Integers = NDArray[np.object_]  # Python integers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Meetings:
-    """Pairs (K,): whether they meet within the range, and t = offset / slope 2^digits."""
+    """Pairs (K,): hits within the range, and t = offset / slope 2^digits."""
 
     met: Mask
     offset: Integers
@@ -26,13 +26,13 @@ class Meetings:
     digits: int
 
     def place(self, pair: int) -> Fraction:
-        """Return t of a pair that meets."""
+        """Return t of a pair with a hit."""
         shift = self.digits
         return Fraction(self.offset[pair] << max(shift, 0), self.slope[pair] << max(-shift, 0))
 
 
 def meet(corners: Floats, origins: Floats, directions: Floats, ends: Floats) -> Meetings:
-    """Decide which rays meet triangles (K, 3, 3) at a t within ends (K, 2)."""
+    """Decide whether rays (K, 3) meet triangles (K, 3, 3) at a t within ends (K, 2)."""
     (points, start), digits = integers(corners, origins)
     (along,), direction_digits = integers(directions)
     p, o, d = (coordinates(values) for values in (points, start, along))
@@ -41,7 +41,7 @@ def meet(corners: Floats, origins: Floats, directions: Floats, ends: Floats) -> 
     slope, offset = dot(normal, d), dot(normal, q[0])
     sides = [dot(d, cross(q[i], q[j])) for i, j in ((0, 1), (1, 2), (2, 0))]
     above, below = (np.logical_or.reduce([(side * sign > 0) for side in sides]) for sign in (1, -1))
-    # Most ranges begin at zero and never end: signs are enough.
+    # For ranges from zero to infinity, the most frequent, signs decide.
     plain = (ends[:, 0] == 0) & (ends[:, 1] == np.inf)
     forward = (offset == 0) | ((offset > 0) == (slope > 0))
     met = (slope != 0) & ~(above & below) & (forward | ~plain)
@@ -58,7 +58,7 @@ def meet(corners: Floats, origins: Floats, directions: Floats, ends: Floats) -> 
 
 
 def integers(*values: Floats) -> tuple[list[Integers], int]:
-    """Return doubles times 2^digits as integers, and digits."""
+    """Return doubles times 2^digits as integers, and `digits`."""
     mantissas, exponents = zip(*(np.frexp(part) for part in values), strict=True)
     used = [e[m != 0] for m, e in zip(mantissas, exponents, strict=True)]
     lowest = min((int(e.min()) for e in used if e.size), default=0)
@@ -76,7 +76,7 @@ def coordinates(vectors: Integers) -> list[Integers]:
 
 
 def nearest_double(value: Fraction) -> float:
-    """Return the double nearest to a rational number, infinite where it is too large."""
+    """Return the double nearest to a rational number, infinity beyond the range."""
     try:
         return float(value)
     except OverflowError:

@@ -1,4 +1,4 @@
-"""Rays against a trimesh.Trimesh, exactly, with the interface of trimesh's own two classes."""
+"""Exact ray queries of a trimesh.Trimesh, with the interface of trimesh's two classes."""
 
 from typing import Any, TypedDict, Unpack
 
@@ -13,7 +13,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 
 class Range(TypedDict, total=False):
-    """Closed range of t along each ray, numbers or arrays (N,): 0 and infinity if not stated."""
+    """Closed range of t along each ray, numbers or arrays (N,); default 0 to infinity."""
 
     t_min: ArrayLike
     t_max: ArrayLike
@@ -22,9 +22,9 @@ class Range(TypedDict, total=False):
 class ExactIntersector:
     """Exact intersections of rays with a mesh; `mesh.ray = ExactIntersector(mesh)`.
 
-    A ray is origin + t direction for the doubles that the caller states: it is never normalized
-    and never moved. Triangles are closed, and so is the range of t: a ray meets the surface on
-    which it starts, at t = 0. A ray in the plane of a triangle does not meet it.
+    A ray is origin + t direction for the caller's doubles; it is neither normalized nor moved.
+    Triangles and the range of t are closed: a ray that starts on a surface meets it at t = 0. A ray
+    in the plane of a triangle does not meet the triangle.
 
     Structures are built on first use, and again after the mesh has changed.
 
@@ -33,9 +33,9 @@ class ExactIntersector:
     geometry
         Mesh with triangles of any kind: open, degenerate, duplicate, or none.
     scale_to_box
-        A keyword of trimesh's Embree class, which returns one triangle for each place along a ray.
-        With this keyword, of either value, `intersects_id` does so too: the smallest number.
-        Without it, as in trimesh's other class, `intersects_id` returns every triangle. Nothing is
+        Keyword of trimesh's Embree class, which returns one triangle for each point along a ray.
+        True or False: `intersects_id` does so too, and returns the triangle of the smallest number.
+        None, as in trimesh's other class: `intersects_id` returns every triangle. The mesh is never
         scaled to a box.
     """
 
@@ -45,7 +45,7 @@ class ExactIntersector:
         self._built: tuple[int, ExactMesh] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the mesh without structures, which lie in a device's memory."""
+        """Return the state without structures, which are in the memory of a device."""
         return {**vars(self), "_built": None}
 
     def first(
@@ -56,21 +56,21 @@ class ExactIntersector:
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
     ) -> FirstHits:
-        """Return the first triangle of each ray with its t, certainty, and ties.
+        """Return the first triangle of each ray, with t, certainty and ties.
 
         A ray that meets nothing has triangle -1 and t NaN. See `FirstHits` for the error of t.
 
         Parameters
         ----------
         ray_origins, ray_directions
-            (N, 3) finite numbers, in the mesh's units; directions of any length but zero.
+            (N, 3) finite numbers in the units of the mesh; directions of any length except zero.
         t_min, t_max
             Closed range of t, numbers or arrays (N,); either may be infinite.
 
         Raises
         ------
         InputError
-            For arrays of other shapes, numbers that are not finite, and directions of zero.
+            For arrays of other shapes, numbers that are not finite, and zero directions.
         """
         return self._exact.first(_checked_rays(ray_origins, ray_directions, t_min, t_max))
 
@@ -83,7 +83,7 @@ class ExactIntersector:
     def intersects_any(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, **within: Unpack[Range]
     ) -> Mask:
-        """Return which rays meet the mesh, (N,); parameters as of `first`."""
+        """Return a mask (N,) of rays that meet the mesh; parameters as of `first`."""
         return self.intersects_first(ray_origins, ray_directions, **within) >= 0
 
     def intersects_id(
@@ -95,18 +95,18 @@ class ExactIntersector:
         return_locations: bool = False,
         **within: Unpack[Range],
     ) -> tuple[NDArray[Any], ...]:
-        """Return triangles and rays that meet, sorted by ray, then by t, then by triangle.
+        """Return the hits, sorted by ray, then by t, then by triangle.
 
         Parameters
         ----------
         ray_origins, ray_directions, within
             As of `first`.
         multiple_hits
-            False for the first hit of each ray alone; of a tie, the smallest triangle.
+            False: only the first hit of each ray; for a tie, the triangle of the smallest number.
         max_hits
-            Largest number of hits of a ray, nearest first, at least 1.
+            Largest number of hits per ray, nearest first, >= 1.
         return_locations
-            True for the points of the hits as a third array.
+            True: return the points of the hits as a third array.
 
         Returns
         -------
@@ -127,39 +127,39 @@ class ExactIntersector:
         max_hits: int = 100,
         **within: Unpack[Range],
     ) -> tuple[Floats, Indices, Indices]:
-        """Return the places where rays meet the mesh, each once: points, rays, triangles.
+        """Return points (K, 3), rays (K,) and triangles (K,) of the hits, each point once.
 
-        Parameters are as of `intersects_id`. At a shared edge or vertex, the triangle is the
-        smallest of those that meet there. Rays and triangles are (K,), points (K, 3).
+        Parameters are as of `intersects_id`. At a shared edge or vertex, the triangle with the
+        smallest number is returned.
         """
         rays = _checked_rays(ray_origins, ray_directions, **within)
         hits = self._hits(rays, multiple_hits, max_hits, each_place=True)
         return hits.position, hits.ray, hits.triangle
 
     def contains_points(self, points: ArrayLike) -> Mask:
-        """Return a mask (N,) of points (N, 3) strictly inside; a point on the surface is not.
+        """Return a mask (N,) of points (N, 3) strictly inside, without points on the surface.
 
-        An open mesh is not refused: a point counts as inside where the number of surfaces above it,
-        along +z, is odd, as in `locate_points` with closed=False.
+        Open meshes are accepted: a point counts as inside if the number of surfaces above it, along
+        +z, is odd, as in `locate_points` with closed=False.
         """
         return self.locate_points(points, closed=False) == Location.INSIDE
 
     def locate_points(self, points: ArrayLike, *, closed: bool = True) -> Indices:
-        """Return 1 for points (N, 3) inside of the surface, 0 on it, -1 outside; (N,).
+        """Return 1 for points (N, 3) inside the surface, 0 on it, -1 outside, (N,).
 
         Parameters
         ----------
         points
-            Finite numbers, in the mesh's units.
+            Finite numbers in the units of the mesh.
         closed
-            True to refuse a mesh that is not closed. Otherwise a point is inside where the number
-            of surfaces above it, along +z, is odd; a point on the surface is certain anyway.
+            True: refuse a mesh that is not closed. False: a point is inside if the number of
+            surfaces above it, along +z, is odd. Points on the surface are exact in both cases.
 
         Raises
         ------
         InputError
             For points of another shape or not finite, and if the mesh has open edges: edges of an
-            odd number of triangles, corners at one position being one.
+            odd number of triangles, after corners at equal positions are merged.
         """
         places = _checked_vectors(points, "points", "point")
         if not len(self.mesh.faces):
@@ -173,10 +173,10 @@ class ExactIntersector:
 
     @property
     def _exact(self) -> ExactMesh:
-        """Structures of the mesh in its present state."""
+        """Structures of the present mesh."""
         state = hash(self.mesh)
         if self._built is None or self._built[0] != state:
-            # A copy, as the mesh may change in place.
+            # Copy the arrays, because the mesh may change in place.
             vertices = np.array(self.mesh.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.array(self.mesh.faces, dtype=np.int64).reshape(-1, 3)
             bad = np.flatnonzero(~np.isfinite(vertices)[faces].all(axis=(1, 2)))
@@ -185,7 +185,7 @@ class ExactIntersector:
                     f"mesh: triangle {bad[0]} has a corner that is not finite; remove it first"
                 )
             if not len(faces):
-                # A triangle without area is never met: it stands for a mesh without triangles.
+                # Replace a mesh without triangles by a triangle without area, which no ray meets.
                 vertices, faces = np.zeros((1, 3)), np.zeros((1, 3), dtype=np.int64)
             self._built = state, ExactMesh(vertices, faces)
         return self._built[1]
@@ -193,7 +193,7 @@ class ExactIntersector:
     def _hits(
         self, rays: RayBatch, multiple_hits: bool, max_hits: int, each_place: bool
     ) -> AllHits:
-        """Return the hits of rays, each place once or each triangle, nearest first."""
+        """Return the hits of rays, nearest first: every triangle, or one for each place."""
         if not isinstance(max_hits, int | np.integer) or max_hits < 1:
             raise InputError(f"max_hits: {max_hits!r} is no positive integer; pass one")
         if not multiple_hits:
@@ -228,7 +228,7 @@ def _checked_vectors(values: ArrayLike, name: str, each: str) -> Floats:
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise InputError(f"{name}: the shape is {vectors.shape}; pass an array of shape (N, 3)")
     finite = np.isfinite(vectors)
-    # The rows of a million vectors take twenty times as long.
+    # Testing a million vectors row by row takes twenty times as long.
     if not finite.all():
         bad = int(np.argmin(finite.all(axis=1)))
         raise InputError(f"{name}: {each} {bad} is {vectors[bad].tolist()}; pass finite numbers")

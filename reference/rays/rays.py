@@ -1,9 +1,9 @@
-"""First surfaces and all surfaces along any rays: proven in doubles, or decided in integers.
+"""First surfaces and all surfaces along rays: proven in doubles, or decided in integers.
 
-Embree proposes a triangle for each ray in float32. Where doubles prove that the ray meets it, its t
-is an upper limit; nothing else is taken from Embree. The walk (`walk`) visits everything that may
-lie before the limit, the filter (`filter`) keeps the triangles that may be first, and integers
-(`integers`) decide rays with several of them, or with one in doubt.
+Embree proposes a triangle for each ray in float32. If doubles prove that the ray meets this
+triangle, its t is an upper limit; nothing else is used of Embree. The walk (`walk`) visits all
+triangles that may lie before the limit. The filter (`filter`) keeps triangles that may be first.
+Integers (`integers`) decide rays with several possible or one uncertain triangle.
 """
 
 import math
@@ -39,14 +39,14 @@ from xfrustum.reference.tracers.embree import EmbreeMesh
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
-#: rays of one batch, which bounds memory: some 300 bytes each
+#: number of rays of a batch; a ray takes some 300 bytes
 RAYS_AT_ONCE = 1 << 19
 
-#: pairs that integers decide at once, some 2 kB each
+#: number of pairs decided at once in integers; a pair takes some 2 kB
 PAIRS_AT_ONCE = 1 << 15
 
-#: Smallest size of a mesh relative to its distance from the coordinates' origin: doubles have no
-#: finer steps than 2^-53 there. A smaller mesh, or a single point, is scaled by its distance.
+#: Smallest size of a mesh relative to its distance from the origin of coordinates, where doubles
+#: have steps of 2^-53. A smaller mesh, or a single point, is scaled by its distance instead.
 MIN_RELATIVE_SIZE = 2.0**-40
 
 #: Largest exponent e for which 2^e and 2^-e are normal doubles, with a margin
@@ -55,7 +55,7 @@ MAX_SINGLE_EXPONENT = 1000
 #: largest double
 LARGEST = float(np.finfo(np.float64).max)
 
-#: Count of a pair that is not surely met: a single one already leaves its ray open
+#: weight of an uncertain pair: a single uncertain pair leaves its ray undecided
 DOUBTFUL_WEIGHT = 2
 
 #: bits of the exponent of a double
@@ -69,19 +69,18 @@ class FirstHits:
     Parameters
     ----------
     triangle
-        (N,) number of the first triangle, the smallest of a tie, -1 for a miss.
+        (N,) number of the first triangle (smallest number of a tie), -1 for a miss.
     t
-        (N,) place along the ray in lengths of its direction, NaN for a miss. It is the nearest
-        double where the certainty is `EXACT` or `TIE`. Where it is `PROVEN`, the sign is right; the
-        error is at most |t| and, but for underflow, 2^-47 (|p - o| . m + |t| |d| . m) / |d . n|,
-        where o + t d is the ray, p the triangle's first corner, n the cross product of its edges
-        there, and m the same with all products positive: about 1e-14 of the distance to p for a
-        triangle that is no needle and met squarely.
+        (N,) place along the ray in lengths of its direction, NaN for a miss. With the certainty
+        `EXACT` or `TIE`, t is the nearest double. With `PROVEN`, the sign is right; the error is at
+        most |t| and, except for underflow, 2^-47 (|p - o| . m + |t| |d| . m) / |d . n|. Here
+        o + t d is the ray, p the first corner of the triangle, n the cross product of its edges at
+        p, and m the same with all products positive. For a well-shaped triangle that the ray meets
+        steeply, the error is about 1e-14 of the distance to p.
     certainty
-        (N,) `Certainty` of each answer, misses too: proven in doubles, decided in integers, or a
-        tie.
+        (N,) `Certainty` of each hit or miss: proven in doubles, decided in integers, or a tie.
     ties
-        (K, 2) numbers of ray and triangle, ascending: all triangles that are first together.
+        (K, 2) numbers of ray and triangle, ascending: all triangles of ties.
     """
 
     triangle: Indices
@@ -92,10 +91,10 @@ class FirstHits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AllHits:
-    """All K surfaces along rays, sorted by ray, then exactly by t, then by triangle.
+    """All K hits of rays, sorted by ray, then exactly by t, then by triangle.
 
     `position` (K, 3) is origin + t direction, rounded. `place` (K,) numbers the places along each
-    ray, from 0: surfaces at the same t share it.
+    ray from 0; hits at equal t have equal numbers.
     """
 
     ray: Indices
@@ -133,14 +132,14 @@ class RayBatch:
     def points(self, lengths: Floats) -> Floats:
         """Return the points (N, 3) at t times 2^`exponents`.
 
-        t itself is no double where a direction is very short or long.
+        For a very short or long direction, t itself may exceed the range of doubles.
         """
         return self.origins + lengths[:, None] * _shifted(self.directions, -self.exponents[:, None])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidates:
-    """Pairs (K,) of a ray and a triangle that may meet; t is in the mesh's units."""
+    """Pairs (K,) of rays and triangles that may meet; t is in the units of the mesh."""
 
     ray: Indices
     triangle: Indices
@@ -154,12 +153,12 @@ class Candidates:
 
 
 class ExactMesh:
-    """Triangles ready for rays: tree, Embree's structure, and corners in doubles.
+    """Ray query structures of triangles: tree, Embree's structure, corners in doubles.
 
     Parameters
     ----------
     vertices
-        (V, 3) positions, finite where a triangle has them.
+        (V, 3) positions, finite if a triangle uses them.
     faces
         (F, 3) vertex numbers of at least one triangle.
     """
@@ -168,10 +167,10 @@ class ExactMesh:
         self.triangles = vertices.take(faces, axis=0)
         used = np.zeros(len(vertices), dtype=np.bool_)
         used[faces] = True
-        # A vertex without triangles may lie anywhere.
+        # Ignore vertices without triangles.
         vertices = np.where(used[:, None], vertices, vertices[faces[0, 0]])
         low, high = vertices.min(axis=0), vertices.max(axis=0)
-        # Halves first: the sum of two doubles may overflow.
+        # Halve first: the sum of two doubles may overflow.
         middle = low / 2 + high / 2
         size = float(np.maximum(high - middle, middle - low).max())
         size = max(size, MIN_RELATIVE_SIZE * float(np.abs(vertices).max()))
@@ -182,7 +181,8 @@ class ExactMesh:
         self._boxes = Boxes(build_tree(centered.take(faces, axis=0)))
         self._corners = Triangles(scaled.take(faces, axis=0))
         self._centered, self._faces = centered, faces
-        #: rays until Embree pays: a triangle takes about as long to build as a ray saves by it
+        #: number of rays before Embree's structure is built: building takes about as long per
+        #: triangle as Embree saves per ray
         self._rays_until_embree = len(faces)
         with recording():
             self._middle = constants(middle.tolist())
@@ -195,7 +195,7 @@ class ExactMesh:
 
     @cached_property
     def _embree(self) -> EmbreeMesh:
-        # Shared vertices: the binding copies number by number, which takes most of the time.
+        # Share vertices: the binding copies single numbers, which takes most of the time.
         return EmbreeMesh(self._centered, self._faces)
 
     def first(self, rays: RayBatch) -> FirstHits:
@@ -203,7 +203,7 @@ class ExactMesh:
         return self._first(rays)[0]
 
     def first_points(self, rays: RayBatch) -> AllHits:
-        """Return the first surface alone of rays that meet any; of a tie, the smallest triangle."""
+        """Return the first hits of rays; for a tie, the triangle with the smallest number."""
         first, lengths = self._first(rays)
         ray = np.flatnonzero(first.triangle >= 0)
         return AllHits(
@@ -251,12 +251,12 @@ class ExactMesh:
         )
 
     def rays_from(self, origin: Sequence[float], direction: list[Any], ends: Sequence[Any]) -> Rays:
-        """Return rays from one point, given by directions and ends on the device.
+        """Return rays from one point, with directions and ends on the device.
 
-        No direction's largest component may be below full precision.
+        The largest component of a direction must be a normal double.
         """
         largest = dr.maximum(dr.maximum(abs(direction[0]), abs(direction[1])), abs(direction[2]))
-        # The exponent alone: the largest power of two up to that component.
+        # Keep the exponent bits: the largest power of two up to the component.
         bits: Any = dr.reinterpret_array(UInt64, largest)
         power: Any = dr.reinterpret_array(Float64, bits & EXPONENT_BITS)
         start = constants(_shifted(np.asarray(origin), self._scale).tolist())
@@ -270,7 +270,7 @@ class ExactMesh:
         )
 
     def candidates(self, batch: RayBatch) -> Candidates:
-        """Return all pairs that may meet; t and error of rays from afar are zero."""
+        """Return all pairs that may meet; t and error of far rays are zero."""
         if not len(batch):
             none, nowhere = np.zeros(0, dtype=np.int64), np.zeros(0)
             return Candidates(ray=none, triangle=none, t=nowhere, error=nowhere, sure=none > 0)
@@ -280,14 +280,14 @@ class ExactMesh:
             return self._candidates(rays, far, batch[far], self._scale)
 
     def candidates_of(self, rays: Rays) -> Candidates:
-        """Return the `candidates` of rays on the device; called while `recording`."""
+        """Return the `candidates` of rays on the device; call while `recording`."""
         far = np.flatnonzero(rays.far.numpy())
         columns = np.stack(_compressed(rays.far, *rays.origin, *rays.direction, *rays.ends), axis=1)
         batch = RayBatch(origins=columns[:, :3], directions=columns[:, 3:6], ends=columns[:, 6:])
         return self._candidates(rays, far, batch, 0)
 
     def _candidates(self, rays: Rays, far: Indices, afar: RayBatch, scale: int) -> Candidates:
-        """Return the candidates of rays, of which some come from afar; see `_from_afar`."""
+        """Return the candidates of rays; far rays are treated by `_from_afar`."""
         ray, triangle = self._boxes.pairs(rays, rays.ends[1])
         t, error, sure, possible = self._examined(rays, ray, triangle)
         columns = _compressed(possible, ray, triangle, t, error, sure)
@@ -300,10 +300,10 @@ class ExactMesh:
         return Candidates(ray=ray, triangle=triangle, t=t, error=error, sure=sure)
 
     def _from_afar(self, rays: RayBatch, scale: int) -> tuple[Indices, Indices]:
-        """Return pairs of rays from any distance and triangles that their lines may meet.
+        """Return pairs of far rays and triangles that their lines may meet.
 
-        Lengths times 2^scale are in the mesh's units. Rational numbers restart a ray where doubles
-        would lose the mesh.
+        Lengths times 2^scale are in the units of the mesh. Rays are restarted in rational numbers,
+        because doubles would lose the mesh.
         """
         if not len(rays):
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -316,7 +316,7 @@ class ExactMesh:
             starts[number] = [nearest_double(x - t * d) for x, d in zip(offset, along, strict=True)]
         with recording():
             lines = Rays.from_starts(
-                # A line that misses the mesh may be anywhere there.
+                # Clipping is harmless: a line clipped here misses the mesh.
                 vectors_on_device(np.clip(starts, -BESIDE, BESIDE)),
                 _columns(rays.directions, -rays.exponents),
             )
@@ -325,7 +325,7 @@ class ExactMesh:
         return ray, triangle
 
     def _on_device(self, batch: RayBatch) -> Rays:
-        """Return rays in the mesh's units; t of a ray is multiplied by 2^`_exponents`."""
+        """Return rays in the units of the mesh; t is multiplied by 2^`exponents`."""
         origin = _columns(batch.origins, self._scale)
         direction = _columns(batch.directions, -batch.exponents)
         both_ends = _columns(batch.ends, batch.exponents + self._scale)
@@ -345,16 +345,16 @@ class ExactMesh:
         return t, error, sure, possible
 
     def _filtered(self, batch: RayBatch) -> tuple[Indices, Floats, Indices, Indices]:
-        """Return first triangles and t where doubles prove them, and the pairs of other rays.
+        """Return first triangles and t proven in doubles, and the pairs of other rays.
 
-        t is in the mesh's units.
+        t is in the units of the mesh.
         """
         with recording():
             rays = self._on_device(batch)
             limit = self._proposed_limit(rays)
             ray, triangle = self._boxes.pairs(rays, limit)
             t, error, sure, possible = self._examined(rays, ray, triangle)
-            # The first surface lies no farther than the farthest place of a sure one.
+            # The first surface is no farther than the upper bound of t of a certain hit.
             dr.scatter_reduce(dr.ReduceOp.Min, limit, t + error, ray, sure, dr.ReduceMode.Direct)
             dr.eval(limit)
             possible &= t - error <= dr.gather(Float64, limit, ray)
@@ -377,7 +377,7 @@ class ExactMesh:
         return *settled, *doubtful, far
 
     def _proposed_limit(self, rays: Rays) -> Any:
-        """Return the last t at which the first surface of each ray may lie, as Embree suggests."""
+        """Return an upper limit of t of the first surface of each ray, from Embree's proposal."""
         last = rays.ends[1]
         self._rays_until_embree -= dr.width(rays.restart)
         if self._rays_until_embree >= 0:
@@ -398,7 +398,7 @@ class ExactMesh:
     def _decided(
         self, batch: RayBatch, ray: Indices, triangle: Indices, far: Indices
     ) -> dict[int, list[tuple[Fraction, int]]]:
-        """Return the hits of rays with pairs left open, and of rays from afar, by integers."""
+        """Return the hits of undecided rays and of far rays, decided in integers."""
         hits: dict[int, list[tuple[Fraction, int]]] = {
             number: [] for number in (*np.unique(ray).tolist(), *far.tolist())
         }
@@ -411,7 +411,7 @@ class ExactMesh:
     def _places(
         self, batch: RayBatch, ray: Indices, triangle: Indices
     ) -> Iterator[tuple[int, Fraction]]:
-        """Yield the pairs that meet and their t, decided in integers."""
+        """Yield the pairs with a hit and their t, decided in integers."""
         for start in range(0, len(ray), PAIRS_AT_ONCE):
             part = slice(start, start + PAIRS_AT_ONCE)
             some = batch[ray[part]]
@@ -420,21 +420,21 @@ class ExactMesh:
                 yield start + pair, decided.place(pair)
 
     def _ordered(self, batch: RayBatch, start: int) -> AllHits:
-        """Return all surfaces along rays in their exact order; rays are numbered from `start`."""
+        """Return all hits of rays in exact order; rays are numbered from `start`."""
         pairs = self.candidates(batch)
         exponents = batch.exponents + self._scale
-        # Integers decide the pairs in doubt.
+        # Decide uncertain pairs in integers.
         met, doubtful = pairs.sure.copy(), np.flatnonzero(~pairs.sure)
         for pair, place in self._places(batch, pairs.ray[doubtful], pairs.triangle[doubtful]):
             number = doubtful[pair]
             met[number] = True
             pairs.t[number] = _nearest(place, exponents[pairs.ray[number]])
-            # An infinite t has a finite error: infinity minus infinity has no order.
+            # Give an infinite t a finite error: infinity minus infinity is NaN.
             pairs.error[number] = UNDERFLOW + ROUNDING * min(abs(pairs.t[number]), LARGEST)
         pairs = pairs[np.flatnonzero(met)]
         pairs = pairs[np.lexsort((pairs.t - pairs.error, pairs.ray))]
-        # Pairs whose places may coincide or change their order are sorted by integers. t of a ray
-        # from afar may be infinite in the mesh's units, and a double in the caller's.
+        # Sort pairs in integers if their intervals of t overlap. For a far ray, t may be infinite in
+        # the units of the mesh, and finite in the caller's units.
         group = _overlapping(pairs)
         together = np.flatnonzero((np.bincount(group)[group] > 1) | np.isinf(pairs.t))
         lengths = _shifted(pairs.t, -self._scale)
@@ -454,7 +454,7 @@ class ExactMesh:
             exponent = batch.exponents[pairs.ray[order[position]]]
             lengths[order[position]] = _nearest(places[chosen], exponent)
         pairs, lengths = pairs[order], lengths[order]
-        # Places are numbered through all rays, and again from the first of each ray.
+        # Number places over all rays, then subtract the first number of each ray.
         number = np.cumsum(begins)
         first = np.searchsorted(pairs.ray, pairs.ray, "left")
         rays = batch[pairs.ray]
@@ -467,14 +467,14 @@ class ExactMesh:
 
 
 def _batches(count: int) -> Iterator[slice]:
-    """Yield the parts of all rays."""
+    """Yield slices of batches of rays."""
     for start in range(0, count, RAYS_AT_ONCE):
         yield slice(start, start + RAYS_AT_ONCE)
 
 
 def _powers(exponents: Indices | int) -> list[Floats]:
-    """Return 2^exponents as factors, two where one may exceed the range of doubles."""
-    # Beyond 2^2000 nothing changes.
+    """Return 2^exponents as factors: two if one factor may exceed the range of doubles."""
+    # Results beyond 2^2000 overflow or underflow anyway.
     exponents = np.clip(exponents, -2000, 2000)
     if np.abs(exponents).max(initial=0) <= MAX_SINGLE_EXPONENT:
         return [np.ldexp(1.0, exponents)]
@@ -490,14 +490,14 @@ def _shifted(values: Floats, exponents: Indices | int) -> Floats:
 
 def _columns(rows: Floats, exponents: Indices | int) -> list[Any]:
     """Return the coordinates of vectors (N, C) times 2^exponents on the device."""
-    # Column by column: a product of (N, C) and (N, 1) takes five times as long.
+    # Multiply by columns: a product of (N, C) and (N, 1) takes five times as long.
     powers = _powers(exponents)
     with np.errstate(over="ignore", under="ignore"):
         return [on_device(math.prod(powers, start=column)) for column in rows.T]
 
 
 def _compressed(mask: Any, *columns: Any) -> tuple[Any, ...]:
-    """Return the chosen lanes of columns in NumPy; numbers have 64 bits."""
+    """Return the masked lanes of columns as NumPy arrays; integers have 64 bits."""
     chosen: Any = dr.compress(mask)
     parts = [dr.gather(type(column), column, chosen).numpy() for column in columns]
     return tuple(part.astype(np.int64) if part.dtype == np.uint32 else part for part in parts)
@@ -509,12 +509,12 @@ def _nearest(place: Fraction, exponent: int) -> float:
 
 
 def _overlapping(pairs: Candidates) -> Indices:
-    """Return the number of each pair's group: intervals of a ray that overlap, directly or not.
+    """Return the group of each pair: intervals of t of a ray that overlap, also indirectly.
 
-    Pairs are sorted by ray and by the nearest t that is possible.
+    Pairs are sorted by ray, then by the smallest possible t.
     """
     near, far = pairs.t - pairs.error, pairs.t + pairs.error
-    # The running maximum of `far` along each ray: ranks that grow from ray to ray.
+    # Compute the running maximum of `far` along each ray by ranks that grow from ray to ray.
     order = np.argsort(far, kind="stable")
     rank = np.empty(len(far), dtype=np.int64)
     rank[order] = np.arange(len(far))

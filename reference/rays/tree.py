@@ -1,14 +1,14 @@
-"""Tree of bounding boxes about the triangles of a mesh, built level by level without recursion.
+"""Bounding volume hierarchy of the triangles of a mesh, built level by level without recursion.
 
 Parallel locally-ordered clustering (Meister and Bittner, "Parallel Locally-Ordered Clustering for
-Bounding Volume Hierarchy Construction", 2018): triangles are sorted along a Morton curve; in each
-round every cluster chooses, among its neighbors on the curve, the partner with which its box has
-the least area, and clusters that choose each other merge. All rounds are NumPy's operations on
-whole arrays.
+Bounding Volume Hierarchy Construction", 2018): triangles are sorted along a Morton curve. In each
+round every cluster chooses, among its neighbors on the curve, the partner for which the joint box
+has the least area; clusters that choose each other merge. Each round consists of NumPy operations
+on whole arrays.
 
-Nodes are numbered depth first. A node's first child follows it; `skip` is the number that follows
-its last descendant. A walk that goes to the next node at a hit and to `skip` at a miss visits
-everything and needs no stack.
+Nodes are numbered depth first: the first child of a node is the next node, and `skip` is the number
+after its last descendant. A walk without a stack goes to the next node at a hit, and to `skip` at a
+miss.
 """
 
 from dataclasses import dataclass
@@ -18,34 +18,35 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Floats, Indices, Singles
 
-#: Neighbors on either side among which a cluster chooses. With 8 the sum of all boxes' areas, which
-#: a walk's time follows, is 12 % larger to 1 % smaller (car, truck, car body).
+#: Number of neighbors on either side among which a cluster chooses. With 8, the sum of the areas
+#: of all boxes, which determines the time of a walk, is 12 % larger to 1 % smaller (car, truck, car
+#: body).
 RADIUS = 3
 
-#: Smallest share of clusters that a round must merge. Areas that fall along the curve would let
-#: every cluster choose the next: then neighbors merge pairwise, so that rounds remain few.
+#: Smallest share of clusters that a round must merge; else neighbors are merged pairwise. If areas
+#: decrease along the curve, every cluster chooses the next and hardly any would merge.
 MIN_SHARE = 1 / 8
 
 #: bits of each coordinate in a Morton code
 MORTON_BITS = 10
 
-#: a node that is not a leaf
+#: marker of inner nodes
 INNER = -1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tree:
-    """Boxes of M nodes, depth first; M is 2 F - 1 for F triangles."""
+    """Boxes of M nodes, depth first; M = 2 F - 1 for F triangles."""
 
     low: Singles  #: (3, M) rounded down
     high: Singles  #: (3, M) rounded up
-    skip: Indices  #: (M,) number that follows the last descendant
-    triangle: Indices  #: (M,) number of a leaf's triangle, else `INNER`
+    skip: Indices  #: (M,) number after the last descendant
+    triangle: Indices  #: (M,) triangle of a leaf, `INNER` for inner nodes
 
 
 def build_tree(corners: Floats) -> Tree:
-    """Build the tree of at least one triangle (F, 3, 3) with coordinates of about unit size."""
-    # Two minima of whole arrays are several times as fast as one along an axis of three.
+    """Build the tree of F >= 1 triangles (F, 3, 3) with coordinates of about unit size."""
+    # Two minima of whole arrays are several times as fast as a minimum along an axis of length 3.
     first, second, third = corners.transpose(1, 0, 2)
     low, high = _outward(
         np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
@@ -78,7 +79,7 @@ def build_tree(corners: Floats) -> Tree:
         kept = np.ones(len(cluster), dtype=np.bool_)
         kept[second] = False
         boxes, cluster = boxes[:, kept], cluster[kept]
-    # Parents are made after their children: numbers are given from the last round to the first.
+    # Parents are created after their children: number nodes from the last round to the first.
     place = np.zeros(total, dtype=np.int64)
     for parents in reversed(rounds):
         first, second = children[:, parents]
@@ -93,7 +94,7 @@ def build_tree(corners: Floats) -> Tree:
 
 
 def _outward(low: Floats, high: Floats) -> tuple[Singles, Singles]:
-    """Return the smallest boxes in float32 that hold the boxes in doubles."""
+    """Return the smallest float32 boxes that contain boxes in doubles."""
     down, up = low.astype(np.float32), high.astype(np.float32)
     down = np.where(down > low, np.nextafter(down, np.float32(-np.inf)), down)
     return down, np.where(up < high, np.nextafter(up, np.float32(np.inf)), up)
@@ -107,7 +108,7 @@ def _morton_codes(points: Singles) -> NDArray[np.uint32]:
     for axis in range(3):
         share = (points[:, axis] - lowest[axis]) / (extent or 1.0)
         part = (share * (2**MORTON_BITS - 1)).astype(np.uint32)
-        # Two zeros between adjacent bits.
+        # Insert two zeros between adjacent bits.
         for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
             part = (part | (part << np.uint32(shift))) & np.uint32(mask)
         code |= part << np.uint32(axis)
@@ -115,11 +116,11 @@ def _morton_codes(points: Singles) -> NDArray[np.uint32]:
 
 
 def _merging(boxes: Singles) -> tuple[Indices, Indices]:
-    """Return the pairs of clusters that merge, by place on the curve; boxes (6, n)."""
+    """Return the pairs of clusters (indices on the curve) that merge; boxes (6, n)."""
     count = boxes.shape[1]
     places = np.arange(count)
-    # The first of equal areas counts. An even place and the next come first, so that many equal
-    # boxes choose each other. The last place of an odd number has no such partner.
+    # The first of equal areas is chosen. Pairs of an even and the next index are tested first, so
+    # that many equal boxes choose each other. For an odd count the last index has no such partner.
     partner = np.minimum(places ^ 1, count - 1)
     pairs = _joint_area(boxes[:, : count - 1 : 2], boxes[:, 1::2])
     best = np.full(count, np.inf, dtype=np.float32)
@@ -139,7 +140,7 @@ def _merging(boxes: Singles) -> tuple[Indices, Indices]:
 
 
 def _joint_area(a: Singles, b: Singles) -> Singles:
-    """Return half the areas of the boxes about pairs of boxes (6, n)."""
+    """Return half the surface areas of the joint boxes of pairs of boxes (6, n)."""
     x, y, z = (np.maximum(a[3 + k], b[3 + k]) - np.minimum(a[k], b[k]) for k in range(3))
     area: Singles = x * (y + z) + y * z
     return area

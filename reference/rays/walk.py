@@ -1,9 +1,9 @@
-"""Conservative walk of rays through a tree of boxes: pairs of a ray and a triangle that may meet.
+"""Conservative walk of rays through a tree of boxes: ray-triangle pairs that may meet.
 
-Boxes are in float32, and rays too. A ray is restarted at its point closest to the middle of the
-mesh, so that a distant origin costs no precision. Every interval of a ray within a slab is widened
-by the bound of its rounding (docs/truth.md): a ray that meets a triangle visits its leaf. One lane
-walks one ray.
+Boxes and rays are in float32. A ray is restarted at its point closest to the middle of the mesh, so
+that a distant origin loses no precision. Each interval of a ray within the slab of a box is widened
+by its rounding bound (docs/truth.md): a ray that meets a triangle visits its leaf. Each lane walks
+one ray.
 """
 
 from dataclasses import dataclass
@@ -29,42 +29,42 @@ from xfrustum.reference.rays.tree import Tree
 #: unit roundoff of float32
 SINGLE_ROUNDOFF = 2.0**-24
 
-#: Rounding bound of a slab's place along a ray, in roundings of float32 of the coordinates of box
-#: and start: 3 and 6 by the derivation
+#: Rounding bound of the t of a plane of a box, in float32 roundings of the coordinates of box and
+#: start: 3 and 6 by the derivation
 SLAB_ROUNDINGS = 6
 
-#: Largest coordinate of a box, the unit cube with roundings
+#: largest coordinate of a box: the unit cube with roundings
 CUBE = 1.001
 
-#: Smallest component of a direction to divide by. Within the tree, a smaller one moves a ray by
-#: less than 2^-50, which the bound of the slabs covers.
+#: Smallest component of a direction used as a divisor. Within the tree, a smaller component moves a
+#: ray by less than 2^-50, which the rounding bound covers.
 MIN_COMPONENT = 2.0**-60
 
-#: Distance of an origin, in sizes of the mesh, up to which a ray is walked; its closest point to
-#: the middle is known to within 1 % of the mesh there.
+#: Largest distance of the origin of a walked ray, in sizes of the mesh: the error of its point
+#: closest to the middle is at most 1 % of the mesh.
 MAX_DISTANCE = 2.0**40
 
 #: Limit of t: hits of rays from within `MAX_DISTANCE` are nearer
 MAX_PLACE = 2.0**60
 
-#: Squared distance from the middle beyond which a ray surely misses the cube: 3, with a margin
+#: squared distance from the middle beyond which a ray certainly misses the cube: 3, with a margin
 BESIDE = 4.0
 
-#: Place, relative to the point closest to the middle, before which no ray meets the cube
+#: t relative to the point closest to the middle, before which no ray meets the cube
 BEFORE_THE_CUBE = -4.0
 
-#: Room for pairs of each ray at first. If there are more, the walk is repeated with room for all.
+#: Reserved number of pairs per ray; if there are more pairs, the walk is repeated with more space.
 PAIRS_PER_RAY = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rays:
-    """Rays on the device in the units of a mesh of about unit size; directions at most 1 long.
+    """Rays on the device, scaled to a mesh of about unit size; directions are at most 1 long.
 
-    `origin`, `direction` and `ends`, first and last t, are doubles, exact but for underflow. The
-    point closest to the middle of the mesh is `start`, relative to it, at t = `restart`; its error
-    is at most `slack`. `far` marks rays whose origins are too distant for a walk, and `missing`
-    rays that surely miss the mesh.
+    `origin`, `direction` and `ends` (first and last t) are doubles, exact except for underflow.
+    `start` is the point closest to the middle of the mesh, relative to the middle, at t =
+    `restart`, with an error of at most `slack`. `far` marks rays whose origins are too distant for
+    a walk; `missing` marks rays that certainly miss the mesh.
     """
 
     origin: list[Any]
@@ -80,7 +80,7 @@ class Rays:
     def from_origins(
         cls, origin: list[Any], direction: list[Any], ends: list[Any], middle: list[Any]
     ) -> "Rays":
-        """Return rays, given in the mesh's units, restarted near its middle."""
+        """Return rays in the units of the mesh, restarted near its middle."""
         offset = difference(origin, middle)
         size = dr.maximum(dr.maximum(abs(offset[0]), abs(offset[1])), abs(offset[2]))
         far = ~(size <= MAX_DISTANCE)
@@ -95,7 +95,7 @@ class Rays:
             ends=ends,
             start=start,
             restart=restart,
-            # One rounding each of the offset and of the product, at most as large, and of the sum.
+            # Roundings of the offset, of the product (at most as large), and of the sum.
             slack=4 * UNIT_ROUNDOFF * (size + abs(restart)),
             far=far,
             missing=far | (dot(start, start) > BESIDE),
@@ -105,7 +105,7 @@ class Rays:
 
     @classmethod
     def from_starts(cls, start: list[Any], direction: list[Any]) -> "Rays":
-        """Return whole lines, given by their points closest to the mesh's middle, rounded."""
+        """Return whole lines from their rounded points closest to the middle of the mesh."""
         nowhere = dr.zeros(Float64, dr.width(start[0]))
         rays = cls(
             origin=start,
@@ -121,10 +121,10 @@ class Rays:
         return rays
 
     def from_restart(self, t: Any) -> Any:
-        """Return t relative to the restart, within `MAX_PLACE`, and the bound of its rounding."""
+        """Return t relative to `restart`, within `MAX_PLACE`, and its rounding bound."""
         t = dr.clip(t, -MAX_PLACE, MAX_PLACE)
         place = t - self.restart
-        # The roundings of the difference, and of the conversion to float32.
+        # Roundings of the difference and of the conversion to float32.
         error = product(2 * SINGLE_ROUNDOFF, abs(place))
         error = error + product(4 * UNIT_ROUNDOFF, abs(t) + abs(self.restart)) + 1e-30
         return place, error
@@ -139,10 +139,10 @@ class Rays:
 
 
 class Boxes:
-    """The boxes of a tree on the device, 32 bytes each."""
+    """Boxes of a tree on the device, 32 bytes each."""
 
     def __init__(self, tree: Tree) -> None:
-        # Boxes and numbers side by side, in rows of four for the wide gathers of a walk.
+        # Store boxes and numbers in rows of four, for the wide gathers of a walk.
         rows = np.zeros((len(tree.skip), 2, 4), dtype=np.float32)
         rows[:, 0, :3], rows[:, 1, :3] = tree.low.T, tree.high.T
         numbers = rows.view(np.int32)
@@ -152,17 +152,17 @@ class Boxes:
             self._count = dr.opaque(UInt32, len(rows))
 
     def pairs(self, rays: Rays, last: Any) -> tuple[Any, Any]:
-        """Return numbers of rays and triangles that may meet up to a last t of each ray."""
+        """Return numbers of rays and triangles that may meet up to the last t of each ray."""
         room = PAIRS_PER_RAY * dr.width(rays.restart)
         count, ray, triangle = self._walk(rays, last, room)
         if count > room:
             count, ray, triangle = self._walk(rays, last, count)
-        # Kernels need a lane: without any pair, the first ray and triangle are one that may meet.
+        # Kernels need a lane: without pairs, return the first ray and triangle as a possible pair.
         at = dr.arange(UInt32, max(count, 1))
         return dr.gather(UInt32, ray, at), dr.gather(UInt32, triangle, at)
 
     def _walk(self, rays: Rays, last: Any, room: int) -> tuple[int, Any, Any]:
-        """Return the number of pairs, and the pairs for which there is room."""
+        """Return the number of pairs, and at most `room` pairs."""
         inverses, entering, leaving = zip(
             *(
                 slab_shifts(x, d, rays.slack)
@@ -203,11 +203,11 @@ class Boxes:
 
 
 def slab_shifts(start: Any, component: Any, slack: Any) -> tuple[Any, Any, Any]:
-    """Return factor and shifts of the places of an axis's planes along rays, in float32.
+    """Return factor and two shifts that bound t of the planes of an axis, in float32.
 
-    A plane at x lies at t = factor x + shift: at no smaller t with the first shift, and at no
-    larger t with the second. `start` and `component` of the direction are doubles, and `slack`
-    bounds the error of the start.
+    The plane at x is at t = factor x + shift, with the first shift as a lower bound and the second
+    as an upper bound. `start` and the direction's `component` are doubles; `slack` bounds the error
+    of the start.
     """
     place, along = Float32(start), Float32(component)
     inverse = 1.0 / dr.select(abs(along) < MIN_COMPONENT, MIN_COMPONENT, along)
