@@ -433,8 +433,8 @@ class ExactMesh:
             pairs.error[number] = UNDERFLOW + ROUNDING * min(abs(pairs.t[number]), LARGEST)
         pairs = pairs[np.flatnonzero(met)]
         pairs = pairs[np.lexsort((pairs.t - pairs.error, pairs.ray))]
-        # Sort pairs in integers if their intervals of t overlap. For a far ray, t may be infinite in
-        # the units of the mesh, and finite in the caller's units.
+        # Sort pairs in integers if their intervals of t overlap. For a far ray, t may be infinite
+        # in the units of the mesh, and finite in the caller's units.
         group = _overlapping(pairs)
         together = np.flatnonzero((np.bincount(group)[group] > 1) | np.isinf(pairs.t))
         lengths = _shifted(pairs.t, -self._scale)

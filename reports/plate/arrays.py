@@ -1,8 +1,8 @@
 """Arrays of a plate in its Zarr group: names, types and labels, blocks of hogels, and checks.
 
-Zarr reads a chunk whose file is missing as the fill value, so that a plate without the file `x/c/0`
-has all of its hogels at x = 0. The description of a plate decides all arrays and labels, and every
-command that opens a plate compares them with it.
+Zarr reads a chunk whose file is missing as the fill value: without the file `x/c/0` all hogels of a
+plate are at x = 0. Therefore every command that opens a plate compares all arrays and labels with
+the description of the plate, which determines them.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from xfrustum.scenes import NOTHING, Certainty, Frustum, InputError
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
-#: Largest size of a block's pixels by default, bytes before compression: held in memory by each
-#: process that fills a shard.
+#: Default largest size of a block's pixels, bytes before compression; each process that fills a
+#: shard has them in memory.
 BLOCK_BYTES = 1 << 26
 
-#: Largest number of columns and of rows of a block by default: a killed process loses at most 256
-#: hogels, and a plate of ten million hogels has 40,000 files for each of its arrays.
+#: Default largest number of columns and of rows of a block: a killed process loses at most 256
+#: hogels, and a plate of ten million hogels has 40,000 files per array.
 MAX_BLOCK_SIDE = 16
 
 #: Columns and rows of hogels, and of their pixels, in a shard by directions: 8 MiB of triangle
 #: numbers in a file. Its chunks are few rows of hogels, since each costs Zarr some 200 us.
 SHARD_HOGELS, SHARD_PIXELS, CHUNK_ROWS = (512, 64), (8, 8), 4
 
-#: attribute of the group with everything that decides its pixels
+#: attribute of the group with all inputs that determine its pixels
 ATTRIBUTE = "xfrustum"
-#: key of a description with the size of blocks, which decides no pixel
+#: key of a description with the size of blocks, which changes no pixel
 LAYOUT = "layout"
 #: names of arrays for readers
 COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
@@ -51,7 +51,7 @@ COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
 FINISHED = "finished"
 #: name of the description of a group or an array in its folder
 METADATA = "zarr.json"
-#: the first two of every array
+#: first two dimensions of every array
 PLATE_DIMENSIONS = ("row", "column")
 
 #: Level 1 takes little time compared with drawing; the checksum detects damage to a chunk.
@@ -68,8 +68,8 @@ DAMAGE = (
     ArithmeticError,
 )
 
-#: Type, fill value, dimensions, meaning and unit of each image; the type of color is chosen, and
-#: the unit of height is the scene's.
+#: Type, fill value, dimensions, meaning and unit of each image. "": type of color by option, unit
+#: of height by scene.
 _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str, str | None]] = {
     Channel.COLOR: ("", 0, ("v", "u", "rgb"), "linear radiance", "1"),
     Channel.TRIANGLE: (
@@ -99,20 +99,20 @@ _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str, str | None]] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedPlateHogel(PlateHogel):
-    """Images of a hogel with its measures by the names of their arrays, NaN where undefined."""
+    """Images of a hogel, and its measures by array name, NaN if undefined."""
 
     measures: Mapping[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImageArray:
-    """Array with an image of some shape for every hogel."""
+    """Array with one image for every hogel."""
 
     name: str
     dtype: np.dtype[Any]
     #: value of missing hogels
     fill: Any
-    #: of one image
+    #: shape of one image
     shape: tuple[int, ...]
     dimensions: tuple[str, ...]
     attributes: Mapping[str, str]
@@ -125,16 +125,16 @@ class ImageArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """Rectangle of hogels in one shard of every array, and the requested hogels among them.
+    """Rectangle of hogels in one shard of every array, with the requested hogels in it.
 
-    By directions, a block is a rectangle of pixels of the hogels of a tile, in whole shards.
+    By directions, a block is a rectangle of pixels of all hogels of a tile, in whole shards.
     """
 
-    #: row by row from the top left
+    #: number of the block, row by row from the top left
     number: int
     columns: range
     rows: range
-    #: empty by directions
+    #: requested hogels; empty by directions
     apertures: tuple[Aperture, ...] = ()
     #: columns and rows of the film by directions; None for whole films
     film: tuple[range, range] | None = None
@@ -177,12 +177,12 @@ def _slice(places: range) -> slice:
 
 @dataclass(kw_only=True, eq=False)
 class Tile:
-    """Images of a block: the product of a source, which a store writes at once."""
+    """Images of a block, made by a source and written by a store."""
 
     block: Block
     #: (rows, columns, H, W, ..) by the name of the array; measures (rows, columns)
     values: dict[str, NDArray[Any]]
-    #: (rows, columns), hogels with images
+    #: mask (rows, columns) of hogels with images
     drawn: NDArray[np.bool_]
 
     @classmethod
@@ -195,7 +195,7 @@ class Tile:
         return cls(block=block, values=values, drawn=np.zeros(block.shape, bool))
 
     def put(self, image: PlateHogel | PlateDirection) -> None:
-        """Copy the images and the measures of a hogel, or a pixel of all hogels, to its place."""
+        """Copy images and measures of a hogel, or one pixel of all hogels, into the block."""
         if isinstance(image, PlateDirection):
             assert self.block.film is not None
             columns, rows = self.block.film
@@ -216,7 +216,7 @@ def _filled(block: Block, array: ImageArray) -> NDArray[Any]:
     if block.film is None:
         return np.full((*block.shape, *array.shape), array.fill, array.dtype)
     columns, rows = block.film
-    # In the order in which images by direction arrive: each is written to one place in memory.
+    # Store images by direction one after the other: each is written to contiguous memory.
     images = (len(rows), len(columns), *block.shape, *array.shape[2:])
     return np.full(images, array.fill, array.dtype).transpose(2, 3, 0, 1, *range(4, len(images)))
 
@@ -233,15 +233,15 @@ class PlateArrays:
     side: tuple[int, int]
     #: columns and rows of pixels in a shard by directions; None for whole hogels
     film: tuple[int, int] | None = None
-    #: Columns and rows of hogels that are drawn together by directions. The rounding of a view's
-    #: pixels depends on it.
+    #: Columns and rows of hogels that are drawn together by directions. The rounding of pixels
+    #: depends on them.
     tile: tuple[int, int] | None = None
-    #: name and unit of each, where hogels are judged
+    #: name and unit of each measure of judged hogels
     measures: tuple[tuple[str, str], ...] = ()
 
     @cached_property
     def images(self) -> tuple[ImageArray, ...]:
-        """Arrays of images in the order in which a block's are written."""
+        """Arrays of images in the order in which they are written."""
         arrays = []
         for channel in self.content.channels:
             kind, fill, dimensions, meaning, unit = _IMAGES[channel]
@@ -282,9 +282,9 @@ class PlateArrays:
         return replace(self, side=pairs.pop("block"), **pairs)
 
     def chunks(self, array: ImageArray) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-        """Return the shapes of chunks and of shards, None without shards.
+        """Return the shapes of chunks and of shards (None without shards).
 
-        Chunks by directions are few rows of hogels, because readers take hogels row by row.
+        Chunks by directions have few rows of hogels, because readers read hogels row by row.
         """
         columns, rows = self.side
         film = array.shape if self.film is None else (*self.film[::-1], *array.shape[2:])
@@ -314,10 +314,10 @@ class PlateArrays:
         yield "v", "v", v, "film coordinate of the pixel's center, upward", film
 
     def blocks(self, apertures: Iterable[Aperture]) -> Iterator[Block]:
-        """Yield the blocks of some hogels in the order in which the hogels are named first."""
+        """Yield the blocks of apertures in the order of the apertures."""
         (width, height), hogels = self.side, self.plate.hogels
         across = -(-hogels[0] // width)
-        # Rectangles may have millions of hogels, which are listed one block at a time.
+        # Rectangles may have millions of hogels: list them block by block.
         if isinstance(apertures, ApertureBlocks):
             requested: Container[Aperture] = apertures
             rectangles = apertures.blocks
@@ -369,7 +369,7 @@ class _RegularFiles(LocalStore):
 def open_group(place: Path, mode: str = "r", *, consolidated: bool | None = None) -> zarr.Group:
     """Open the Zarr group in a folder; InputError if it is missing or damaged.
 
-    `consolidated` chooses the copies of descriptions in the group's own file; None for any.
+    `consolidated` selects the metadata in the group's own file; None: any copy.
     """
     files = _RegularFiles(place.resolve(), read_only=mode == "r")
     try:
@@ -383,12 +383,12 @@ def open_group(place: Path, mode: str = "r", *, consolidated: bool | None = None
 
 
 def reason_of(error: Exception) -> str:
-    """Return the text of an exception of Zarr on one short line."""
+    """Return the text of a Zarr exception as one short line."""
     return f"{' '.join(str(error).split()) or type(error).__name__:.200}"
 
 
 def description_of(place: Path) -> dict[str, Any] | None:
-    """Return the description of a stored plate; None if there is none of ours."""
+    """Return the description of a stored plate of xfrustum, or None."""
     try:
         description = open_group(place).attrs.get(ATTRIBUTE)
     except InputError:
@@ -399,8 +399,8 @@ def description_of(place: Path) -> dict[str, Any] | None:
 def require_arrays(place: Path, arrays: PlateArrays, *, exactly: bool = False) -> None:
     """Raise InputError unless a group has the arrays and the coordinates of a plate.
 
-    Both copies of the descriptions are compared: those in the folders of the arrays, and the
-    consolidated ones in the group's file. With `exactly` chunks and codecs must agree too.
+    Both copies of the metadata are compared: in the folders of the arrays, and consolidated in the
+    file of the group. With `exactly` chunks and codecs must be equal too.
     """
     for consolidated in (True, False):
         try:
@@ -429,7 +429,7 @@ def _difference(group: zarr.Group, arrays: PlateArrays, *, exactly: bool) -> str
         return f"its units are {group.attrs.get('units')}, and the scene's {arrays.units}"
     stored: dict[str, Any] = {}
     for name, expects in _expected(arrays, exactly=exactly).items():
-        # Each access to a group is a call of Zarr's own thread.
+        # Read each array once: an access to a group is a call of Zarr's own thread.
         stored[name] = group.get(name)
         if stored[name] is None:
             return f"has no array {name}"
@@ -459,7 +459,7 @@ def _declared(array: Any, *, exactly: bool) -> dict[str, str]:
 
 
 def shard_files(place: Path, array: Any, selection: Sequence[slice]) -> Iterator[Path]:
-    """Yield the files that hold a part of a plate's array, given by its first axes."""
+    """Yield the files of a part of an array, selected along its first axes."""
     whole = [slice(0, count) for count in array.shape[len(selection) :]]
     sides = array.shards or array.chunks
     numbers = (
@@ -472,10 +472,10 @@ def shard_files(place: Path, array: Any, selection: Sequence[slice]) -> Iterator
 
 
 def make_group(store: Store, arrays: PlateArrays, description: Mapping[str, Any]) -> zarr.Group:
-    """Make an empty group in the chunks and shards of its arrays."""
+    """Create an empty group with the arrays of a plate, in their chunks and shards."""
     columns, rows = arrays.side
     chunks = {array.name: arrays.chunks(array) for array in arrays.images}
-    # The unit of lengths is also an attribute of the group, because xarray prints only these.
+    # Store the unit of lengths also in the group, because xarray prints group attributes.
     attributes = {"coordinates": "x y", "units": arrays.units, ATTRIBUTE: dict(description)}
     group = zarr.create_group(store, attributes=attributes)
     for array in arrays.images:
@@ -513,7 +513,7 @@ def make_group(store: Store, arrays: PlateArrays, description: Mapping[str, Any]
             attributes={"long_name": meaning, **units},
         )
     with warnings.catch_warnings():
-        # Consolidated metadata make reading faster; Zarr's format 3 does not define them yet.
+        # Consolidated metadata speed up reading; Zarr format 3 does not define them yet, and warns.
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(store)
     return group

@@ -1,8 +1,8 @@
-"""Plates by directions: an image is one pixel of all hogels of a tile as large as memory permits.
+"""Plates by directions: each image has one pixel of all hogels of a tile.
 
-A block of work is a rectangle of pixels of a tile, and fills whole shards, so that every file is
-written once and nothing is transposed on the disk. A block is finished when all its files exist.
-Names, shapes, types and values are the same as by hogels.
+A tile is as large as memory permits. A block of work is a rectangle of pixels of a tile and fills
+whole shards, so that every file is written once and nothing is transposed on the disk. A block is
+finished when all its files exist. Names, shapes and types of arrays are the same as by hogels.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 from xfrustum.scenes.plate.plate import PlateTile
 
-#: memory for the images of a tile by default, bytes
+#: default memory for the images of a tile, bytes
 MEMORY = 1 << 30
 #: largest number of columns and of rows of a tile: the smallest bound of OpenGL 4.5 for images
 MAX_SIDE = 1 << 14
-#: Working memory of one image, bytes for each hogel of the tile: attachments and read-back of two
-#: rounds; places, normals, colors and their bounds of a truth.
+#: Working memory of an image, bytes per hogel of the tile. Drawn: attachments and read-back of two
+#: rounds; traced: positions, normals, colors and their bounds.
 DRAWN_BYTES, TRACED_BYTES = 100, 400
 
 
@@ -63,9 +63,9 @@ def arrays_by_directions(
 ) -> PlateArrays:
     """Return the arrays of a new store by directions; parameters as for `write_directions`.
 
-    Its tiles are whole shards, of which two blocks of pixels fit into the memory: one is written
-    while the next one is drawn. InputError if the memory is too small for a tile, or a shard too
-    large.
+    Tiles consist of whole shards. Two blocks of pixels fit into the memory, because a block is
+    written while the next is drawn. Raises InputError if the memory is too small for a tile, or a
+    shard is too large.
     """
     arrays = arrays_of(scene, content, block, directions=True)
     (columns, rows), (width, height) = arrays.plate.hogels, arrays.side
@@ -133,7 +133,7 @@ class DirectionSource:
 def open_directions(
     scene: Scene, depth: DepthFormat | None, content: PlateContent, tile: PlateTile
 ) -> Iterator[DirectionSource]:
-    """Open the rasterizer with a depth format, beginning with a tile, or the reference."""
+    """Open the rasterizer for a first tile, or without a depth format the reference."""
     colored = Channel.COLOR in content.channels
     if depth is None:
         reference = Reference(scene, effects=content.effects)
@@ -183,7 +183,7 @@ class DirectionJob(StoreJob):
     @contextmanager
     def open(self) -> Iterator[PlateSession]:
         """Open the renderer, and open or create the store; InputError if another device drew it."""
-        # The store keeps its tiles, and the renderer is opened with the first one.
+        # An existing store keeps its tiles; open the renderer with the first tile.
         stored = self.arrays.laid_out((description_of(self.out) or {}).get(LAYOUT)) or self.arrays
         first = next(blocks_by_directions(stored))
         tile = PlateTile(plate=stored.plate, columns=first.columns, rows=first.rows)
@@ -241,7 +241,7 @@ def write_directions(
                 workers.ask(job, PlateSession.draw, iter(missing), bar.update)
             else:
                 workers.make(job, blocks, bar)
-        # A process that was killed after its last block has not marked its hogels.
+        # A process killed after its last block has not marked its hogels.
         last = {block.tile: block for block in blocks}
         finished_tiles = {tile for tile, block in last.items() if store.mark(block)}
     begun_tiles = {block.tile for block in missing}

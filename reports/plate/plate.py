@@ -1,4 +1,4 @@
-"""Plates drawn block by block into a store, by this process or by others, and never twice."""
+"""Plates drawn block by block into a store by one or several processes."""
 
 from __future__ import annotations
 
@@ -51,20 +51,20 @@ class PlateOptions:
     """Images, storage and work of a plate."""
 
     content: PlateContent = field(default_factory=PlateContent)
-    #: columns and rows of hogels that are stored together, 1 x 1 for chunks without shards; None
-    #: for the blocks of an existing store, or as many as `BLOCK_BYTES` hold
+    #: columns and rows of hogels in a shard, 1 x 1 for chunks without shards; None: the blocks of
+    #: an existing store, or blocks of at most `BLOCK_BYTES`
     block: tuple[int, int] | None = None
-    #: trace every hogel too, and store its measures as arrays
+    #: whether to trace every hogel too, and store its measures as arrays
     judge: bool = False
-    #: read every stored hogel in full, and draw damaged ones again
+    #: whether to read every stored hogel in full, and draw damaged hogels again
     check: bool = False
     engine: Engine = HERE
-    #: show a progress bar on standard error
+    #: whether to show a progress bar on standard error
     progress: bool = False
 
 
 def measures(numbers: ComparisonNumbers) -> dict[str, float]:
-    """Return the measures of a comparison by the names of their arrays, NaN where undefined."""
+    """Return the measures of a comparison by array name, NaN if undefined."""
     return {
         column.name: np.nan if column.values[0] is None else column.values[0]
         for column in columns_of(ComparisonNumbers, [numbers])
@@ -73,7 +73,7 @@ def measures(numbers: ComparisonNumbers) -> dict[str, float]:
 
 
 def measures_of(scene: Scene) -> dict[str, str]:
-    """Return the unit of each measure of a scene's hogels, colors where it has an appearance."""
+    """Return the unit of each measure of hogels; radiance only for scenes with an appearance."""
     numbers: dict[str, Any] = dict.fromkeys(ComparisonNumbers.__dataclass_fields__)
     numbers["certainty"] = {kind.name.lower(): 0 for kind in Certainty}
     units = {"height": scene.units, "displacement": "px"}
@@ -86,11 +86,11 @@ def measures_of(scene: Scene) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class HogelSource:
-    """Renderer of a plate."""
+    """Renderer of a plate, hogel by hogel."""
 
     #: function that yields hogels in the order of the apertures
     hogels: Callable[[Iterable[Aperture]], Iterator[PlateHogel]]
-    #: everything that decides the pixels
+    #: all inputs that determine the pixels
     description: dict[str, Any]
 
     def tiles(
@@ -115,9 +115,9 @@ def filled(
     images: Callable[[Iterable[Item]], Iterator[PlateHogel | PlateDirection]],
     done: Callable[[int], object],
 ) -> Iterator[Tile]:
-    """Yield blocks with the images of their items, apertures or pixels.
+    """Yield blocks with the images of their items (apertures or pixels).
 
-    All blocks form one stream of items, so that the renderer is never idle between them.
+    All blocks form one stream of items, so that the renderer is never idle between blocks.
     """
     # The renderer reads ahead: blocks wait here until their images arrive.
     begun: deque[tuple[Block, int]] = deque()
@@ -155,7 +155,7 @@ def open_source(
         raise InputError(
             "certainty is the truth's alone: leave it out of the channels, or add --truth"
         )
-    # Effects that the scene does not need change no pixel.
+    # Effects that the scene does not need would change no pixel.
     visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
     if not judge:
         # Supersampling and multisampling are drawn hogel by hogel: the plate renderer has one
@@ -172,20 +172,20 @@ def open_source(
         evaluator.rasterizer.check_sampling(scene.sampling)
         effects = evaluator.rasterizer.effects_for(settings) & visible
         described = described_as(scene, content, evaluator.device["renderer"], effects, settings)
-        # Part of the description: a judged plate never continues one without verdicts.
+        # The key keeps a judged plate from continuing a plate without measures.
         described["content"]["judged"] = True
         hogels = partial(_judged, evaluator, content, settings)
         yield HogelSource(hogels=hogels, description=described)
 
 
 def _traced(scene: Scene, content: PlateContent) -> HogelSource:
-    """Return certified truths; colors are means of light paths if the scene requests any."""
+    """Return the source of certified truths; light paths give colors if the scene requests them."""
     by_paths = scene.transport.simulated
     tracer = "mitsuba" if by_paths else "embree"
     reference = Reference(scene, tracer=tracer, effects=content.effects)
 
     def colored(aperture: Aperture) -> HogelImage:
-        # Geometry stays certified, with single lines; light paths replace only the color.
+        # Light paths replace only the color; geometry has certified single lines.
         image = reference.trace(aperture, Sampling())
         mean = transported(scene, aperture, scene.transport).mean
         return replace(image, color=mean.astype(np.float32))
@@ -208,9 +208,9 @@ def _judged(
     settings: DoubleFrustum,
     apertures: Iterable[Aperture],
 ) -> Iterator[PlateHogel]:
-    """Draw and judge hogels; the images equal a plate that is only drawn, bit for bit."""
+    """Draw and judge hogels; images are bitwise equal to a plate that is only drawn."""
     scene = evaluator.scene
-    # Pixels are stored with color even if the scene has no colors to compare.
+    # Store color even if the scene has no colors to compare.
     request = FrameRequest(color=True, colored_truths=is_shaded(scene), radiance=is_shaded(scene))
 
     def stored(frame: JudgedFrame) -> JudgedPlateHogel:
@@ -231,14 +231,14 @@ def described_as(
     simulated: frozenset[Effect],
     settings: DoubleFrustum | None,
 ) -> dict[str, Any]:
-    """Return everything that decides the pixels of hogels, in JSON's types.
+    """Return all inputs that determine the pixels of hogels, in JSON types.
 
-    Plates of truths have no `settings`, plates with one sample a pixel through the middle of its
-    aperture no `sampling`, and plates without light paths no `transport`.
+    Plates of truths have no `settings`. Plates with one sample per pixel, through the middle of the
+    aperture, have no `sampling`. Plates without light paths have no `transport`.
     """
     sampling, transport = scene.sampling, scene.transport
     finer = {"supersample": sampling.supersample, "multisample": sampling.multisample}
-    # Defaults are left out: equal content has exactly one description.
+    # Leave out defaults: equal content must have equal descriptions.
     finer = {name: samples for name, samples in finer.items() if samples > 1}
     described: dict[str, Any] = {
         "scene": {
@@ -267,7 +267,7 @@ def described_as(
 
 #: first and last index; None for all
 Span = tuple[int, int] | None
-#: number of blocks above which they do not limit the number of processes
+#: largest number of blocks that limits the number of processes
 MOST_WORKERS = 1024
 
 
@@ -288,13 +288,13 @@ class PlateFiles:
     passes: int
     #: number of images that were already stored
     kept: int
-    #: number of rectangles of hogels whose images were drawn together
+    #: number of tiles or blocks of hogels that were drawn
     tiles: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoreJob(Job):
-    """Blocks of a plate, of which each process opens the store separately."""
+    """Job of the blocks of a plate; each process opens the store."""
 
     name = "plate"
     scene: Scene
@@ -304,7 +304,7 @@ class StoreJob(Job):
 
     @cached_property
     def store(self) -> PlateStore:
-        """The store, opened for reading by this process after a session has created it."""
+        """Store of the plate, opened by this process after a session has created it."""
         return PlateStore(self.out, self.arrays)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -378,15 +378,15 @@ def write_plate(
     options: PlateOptions | None = None,
     begun: Callable[[], object] = lambda: None,
 ) -> PlateFiles:
-    """Draw apertures that are missing in a plate's store, block by block, one shard per block.
+    """Draw the missing apertures of a plate into its store, block by block, one shard per block.
 
     Without settings, truths are traced; without apertures, the whole plate is drawn. Blocks are
-    drawn in the order in which their apertures are named. A kill at any moment loses no finished
-    block; the next call continues with the other blocks and ends with the arrays of an undisturbed
-    run. `begun` is called once the store is open, before the first hogel is drawn.
+    drawn in the order of their apertures. A killed process loses no finished block: the next call
+    draws the other blocks, and the arrays equal those from an undisturbed run. `begun` is called
+    when the store is open, before the first hogel is drawn.
 
-    InputError: see `open_source` and `open_store`; or the size of blocks is invalid, no scheduler
-    answers, or a worker has another device than the command that began the plate.
+    Raises InputError as `open_source` and `open_store` do; also if the size of blocks is invalid,
+    the scheduler does not respond, or the device of a worker differs from the plate's device.
     """
     options, out = options or PlateOptions(), Path(out)
     engine, part, check = options.engine, options.engine.part, options.check
@@ -435,7 +435,7 @@ def write_plate(
 
 
 def damage_notes(out: Path, hogels: int) -> tuple[str, ...]:
-    """Return a sentence about the number of damaged hogels, if there are any."""
+    """Return a sentence with the number of damaged hogels, or nothing."""
     return (f"{out}: {hogels} damaged hogels were drawn again",) if hogels else ()
 
 
@@ -468,14 +468,14 @@ def arrays_of(
 
 
 def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> ApertureBlocks:
-    """Return the apertures of some rectangles, each given by its columns and rows on the plate."""
+    """Return the apertures of rectangles, given by columns and rows of the plate."""
     rectangles = []
     for block in blocks:
         spans = zip(block, plate.hogels, strict=True)
         (left, right), (top, bottom) = (
             (0, count - 1) if span is None else span for span, count in spans
         )
-        # Corners off the plate are refused here, not in the middle of the work.
+        # Refuse corners outside the plate here, before the work starts.
         plate.aperture(left, top), plate.aperture(right, bottom)
         rectangles.append((range(left, right + 1), range(top, bottom + 1)))
     return ApertureBlocks(plate, tuple(rectangles))

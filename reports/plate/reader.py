@@ -1,4 +1,4 @@
-"""Reading of plates that `xfrustum plate` has drawn; all declarations of the files are checked."""
+"""Reading of plates that `xfrustum plate` has drawn, with checks of all stored metadata."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from xfrustum.scenes.model.plate_content import Channel, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 from xfrustum.scenes.plate.plate import Aperture, Plate, PlateTile
 
-#: largest size of the images of hogels that are read together, bytes
+#: largest size of images that are read together, bytes
 MOST_BYTES = 1 << 28
 
 
@@ -48,7 +48,7 @@ class _Scene:
 class _Content(PlateContent):
     """Images of a plate."""
 
-    #: true if the plate has measures, too
+    #: whether the plate also has measures
     judged: bool = False
 
 
@@ -76,7 +76,7 @@ class _Directions:
 
 @dataclass(frozen=True, kw_only=True)
 class _Description:
-    """Parts of a description that readers use; others are ignored."""
+    """Parts of a description that readers use; other parts are ignored."""
 
     plate: Plate
     frustum: Frustum
@@ -107,9 +107,9 @@ def _described(place: object, attributes: Mapping[str, Any]) -> _Description:
 
 
 def checked_group(place: Path) -> zarr.Group:
-    """Open a Zarr group; InputError if a drawn plate differs from its own description.
+    """Open a Zarr group; InputError if the arrays of a plate differ from its description.
 
-    Groups of other programs, which have no description, are returned unchecked.
+    Groups of other programs have no description and are returned unchecked.
     """
     group = open_group(place)
     if isinstance(group.attrs.get(ATTRIBUTE), dict):
@@ -122,7 +122,7 @@ def checked_group(place: Path) -> zarr.Group:
             side=(1, 1),
         )
         if stored.content.judged:
-            # Measures are the remaining arrays, whose names depend on the scene's look.
+            # Measures are the remaining arrays; their names depend on the scene's appearance.
             others = {*(name for name, *_ in arrays.coordinates()), *Channel, FINISHED}
             names = sorted(set(group.array_keys()) - others)
             units = [str(group[name].attrs.get("units", "")) for name in names]
@@ -133,7 +133,7 @@ def checked_group(place: Path) -> zarr.Group:
 
 
 def direction_plate(place: Path) -> DirectionPlate | None:
-    """Return a plate that was drawn by directions, whose triangles are stored; None for others."""
+    """Return a plate drawn by directions with stored triangles; None for other plates."""
     group = open_group(place)
     if not isinstance(group.attrs.get(ATTRIBUTE), Mapping):
         return None
@@ -149,7 +149,7 @@ def direction_plate(place: Path) -> DirectionPlate | None:
         try:
             return np.asarray(stored[part])
         except DAMAGE:
-            # Damaged neighbors show nothing here, and are judged as missing themselves.
+            # A damaged hogel is empty as a neighbor; it is judged as missing itself.
             return np.full(hogels.size[::-1], NOTHING, dtype=np.int32)
 
     return DirectionPlate(depth=drawn.depth, tile=tile, shown=shown)
@@ -163,7 +163,7 @@ class PlateReader:
         attributes: Mapping[str, Any] = group.attrs
         _described(path, attributes)
         self.path = path
-        #: everything that decides the pixels
+        #: all inputs that determine the pixels
         self.description: Mapping[str, Any] = attributes[ATTRIBUTE]
         #: Images by name, (rows, columns, H, W) or (rows, columns, H, W, 3).
         self.arrays: dict[str, Any] = {name: group[name] for name in Channel if name in group}
@@ -199,9 +199,9 @@ def read_hogels(
     *,
     must_exist: bool = True,
 ) -> Iterator[tuple[int, Any]]:
-    """Yield columns, in increasing order, with images of hogels of a row; see `read_hogel`.
+    """Yield columns in increasing order, each with its image in a row; see `read_hogel`.
 
-    A chunk of a plate by directions has pixels of many hogels, which are read together.
+    A chunk of a plate by directions has pixels of many hogels, so columns are read together.
     """
     together = max(1, min(array.chunks[1], MOST_BYTES // image_bytes(array)))
     for _, group in groupby(columns, lambda column: column // together):
@@ -232,10 +232,10 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
     """Return the crossed frustum of a hogel of a plate, in full double precision.
 
     The line of film coordinates u, v is (x, y, 0) + s (kx + u tx, ky + v ty, -1), with the aperture
-    x, y, the shear k and the half-extent t. The frustum names the settings that drew the plate. The
-    store is a folder, or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
+    x, y, the shear k and the half-extent t. The camera contains the settings of the plate. `store`
+    is a folder, or the plate as opened by `zarr.open_group` or `xarray.open_zarr`.
 
-    InputError if there is no plate, or no such hogel on it.
+    Raises InputError if there is no plate, or the plate has no such hogel.
     """
     in_folder = isinstance(store, str | Path)
     group = open_group(Path(store)) if in_folder else store

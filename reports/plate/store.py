@@ -1,7 +1,7 @@
 """Writing of a plate: blocks of hogels into shards of its Zarr group.
 
-Zarr writes every file aside and renames it. The array `finished` is written after all others of a
-block, so that the hogels that it marks are complete, however a process ends. A killed process may
+Zarr writes every file under a temporary name and renames it. The array `finished` of a block is
+written last, so that marked hogels are complete even if a process is killed. A killed process may
 leave a file `*.partial`, which the next command on the plate removes.
 
 Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). Therefore a part
@@ -46,21 +46,21 @@ from xfrustum.scenes.disk.input_files import in_words
 from xfrustum.scenes.plate.plate import ApertureBlocks
 
 SOURCE = "source"
-"""Key of the place of a scene in its description, for people: it need not agree to go on."""
+"""Key of the path of a scene in a description; a continued plate may have another path."""
 
 
 class PlateStore:
-    """Stored hogels of one scene, drawn with one choice of settings."""
+    """Stored hogels of a scene, drawn with one setting."""
 
     def __init__(self, out: Path, arrays: PlateArrays) -> None:
-        # An existing store keeps its blocks, even if a new one would have others.
+        # An existing store keeps its division into blocks.
         self.arrays = arrays.laid_out((description_of(out) or {}).get(LAYOUT)) or arrays
         self.out, self._place = out, out.resolve()
         require_arrays(out, self.arrays, exactly=True)
         group = open_group(out, "r+")
 
         def array(name: str) -> zarr.Array[Any]:
-            # Black hogels are written like all others.
+            # Write black hogels like all other hogels.
             stored: Any = group[name]
             return stored.with_config({"write_empty_chunks": True})  # type: ignore[no-any-return]
 
@@ -69,7 +69,7 @@ class PlateStore:
         self._arrays = {name: array(name) for name in names}
 
     def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
-        """Return the unfinished hogels of a block, and the number of damaged ones with `check`."""
+        """Return the unfinished hogels of a block, and with `check` the number of damaged."""
         flags = self._flags(block)
         files = self.has_files(block)
         missing, damaged = [], 0
@@ -88,7 +88,7 @@ class PlateStore:
     def damaged(self, block: Block) -> NDArray[np.bool_]:
         """Return the hogels (rows, columns) of a block by directions with damaged pixels."""
         damaged = np.zeros(block.shape, np.bool_)
-        # A file at a time: a block fills the memory.
+        # Read one file at a time: a block fills the memory.
         (width, height), edges = self.arrays.side, block.image_selection[2:]
         for row in range(0, block.shape[0], height):
             for column in range(0, block.shape[1], width):
@@ -125,12 +125,12 @@ class PlateStore:
                     try:
                         values[row, column] = array[block.rows[row], block.columns[column]]
                     except DAMAGE:
-                        # The next command draws it again.
+                        # The next command draws the hogel again.
                         flags[row, column] = 0
                 try:
                     array[block.selection] = values
                 except ValueError:
-                    # Zarr reads the index of an existing shard, and this one is damaged.
+                    # Zarr reads the index of an existing shard, and this index is damaged.
                     for file in self._files(name, block):
                         file.unlink()
                     array[block.selection] = values
@@ -138,17 +138,17 @@ class PlateStore:
             self._finished[block.selection] = flags
 
     def _write_pixels(self, tile: Tile) -> None:
-        """Write some pixels of all hogels of a tile: whole shards, each of which is one file.
+        """Write some pixels of all hogels of a tile, in whole shards of one file each.
 
-        A file that is there is complete, and so a block by directions with all of its files. The
-        writer of the last block marks the hogels as finished.
+        An existing file is complete, so a block by directions is complete if all its files exist.
+        The writer of the last block marks the hogels as finished.
         """
         block = tile.block
         with (
             refused(f"--out {self.out}: cannot write there"),
             (self._place / METADATA).open("r+b") as lock,
         ):
-            # Shared: `remove_partial` must not delete the files of a writer.
+            # A shared lock keeps `remove_partial` from deleting the files of a writer.
             fcntl.flock(lock, fcntl.LOCK_SH)
             for name, array in self._arrays.items():
                 try:
@@ -156,17 +156,14 @@ class PlateStore:
                 except OSError:
                     raise
                 except DAMAGE:
-                    # Zarr reads existing shards at the edges of the film, and one is damaged.
+                    # Zarr reads existing shards at the edges of the film, and a shard is damaged.
                     for file in self._files(name, block):
                         file.unlink(missing_ok=True)
                     array[block.image_selection] = tile.values[name]
         self.mark(block)
 
     def mark(self, block: Block) -> bool:
-        """Mark the hogels of a tile by directions as finished, and return whether they are.
-
-        They are if all of their pixels are there.
-        """
+        """Mark the hogels of a tile as finished if all pixels exist; return whether they do."""
         if self._flags(block).all():
             return True
         if not self.has_files(replace(block, film=None)):
@@ -186,14 +183,14 @@ class PlateStore:
                 path.unlink(missing_ok=True)
 
     def _flags(self, block: Block) -> NDArray[np.uint8]:
-        """Return the flags of finished hogels (rows, columns); zeros where they are damaged."""
+        """Return the flags of finished hogels (rows, columns); zeros if the file is damaged."""
         try:
             return np.array(self._finished[block.selection], np.uint8)
         except DAMAGE:
             return np.zeros(block.shape, np.uint8)
 
     def has_files(self, block: Block) -> bool:
-        """Return whether all files of a block are there."""
+        """Return whether all files of a block exist."""
         return all(file.is_file() for name in self._arrays for file in self._files(name, block))
 
     def _files(self, name: str, block: Block) -> Iterator[Path]:
@@ -204,15 +201,15 @@ class PlateStore:
 def open_store(
     out: Path, arrays: PlateArrays, description: Mapping[str, Any], *, free: bool = True
 ) -> PlateStore:
-    """Open the plate of a scene, or make it, safely among processes.
+    """Open or create the plate of a scene; safe with concurrent processes.
 
-    If `free`, an existing store keeps its size of blocks. InputError if it was drawn from another
-    scene or with other settings, is something else, or is damaged.
+    If `free`, an existing store keeps its size of blocks. Raises InputError if the plate has
+    another scene or other settings, is damaged, or is not a plate.
     """
     expected = json.loads(json.dumps({**description, LAYOUT: arrays.layout}))
     if not out.exists():
         try:
-            # Zarr writes from its own thread, which would continue after an interrupt.
+            # Zarr writes in its own thread, which would continue after an interrupt.
             with Staging(out) as staging, delayed():
                 make_group(LocalStore(staging.folder), arrays, expected)
                 # This fails if another process was faster, because renaming does not replace a
@@ -278,9 +275,9 @@ def plate_size(
     *,
     files: bool = False,
 ) -> PlateSize:
-    """Return the size of the given hogels of a plate, without finished ones.
+    """Return the size of hogels of a plate, without finished hogels.
 
-    With `files`, one image of each hogel is written a second time, in a layout of files.
+    With `files`, an image of each hogel is also written in a layout of files.
     """
     hogels = len(apertures) - _finished(out, apertures)
     per_hogel = arrays.hogel_bytes + 8 * len(arrays.measures)
@@ -292,7 +289,7 @@ def plate_size(
 
 
 def _finished(out: Path, apertures: ApertureBlocks | Sequence[Aperture]) -> int:
-    """Return the number of finished hogels among these; 0 if there is no readable plate."""
+    """Return the number of finished hogels among apertures; 0 without a readable plate."""
     try:
         there = np.asarray(open_group(out)[FINISHED][:]) != 0  # type: ignore[index]
         chosen = np.zeros_like(there)

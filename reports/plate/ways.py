@@ -1,4 +1,4 @@
-"""Choice between a plate by directions and by hogels: the same arrays by different images."""
+"""Choice between drawing a plate by directions or by hogels; the arrays are the same."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ class By(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Facts that decide the way to draw or trace a plate."""
+    """Facts that determine the way to draw or trace a plate."""
 
     by: By
     #: place of the Zarr group, which may exist
     out: Path
     options: PlateOptions
     truth: bool
-    #: whether --near chooses two cameras
+    #: whether the two cameras are given (--near)
     near: bool
-    #: whether some hogels alone are requested
+    #: whether only some hogels are requested
     some: bool
-    #: bytes for a tile
+    #: memory for a tile, bytes, > 0
     memory: int
 
 
 def choose(scene: Scene, request: Request) -> tuple[By, str]:
-    """Return the way to draw or trace a plate, and a sentence with the reason, "" for none needed.
+    """Return the way to draw or trace a plate, and the reason as a sentence, "" for none.
 
     Raises InputError if the requested way contradicts other options or the existing plate.
     """
@@ -76,7 +76,7 @@ def choose(scene: Scene, request: Request) -> tuple[By, str]:
 
 
 def _contradiction(scene: Scene, request: Request) -> str:
-    """Return the reason against directions, "" for none."""
+    """Return the reason why directions are impossible, or ""."""
     if request.near:
         return "--near places two cameras, and --by directions has none: leave out one of them"
     if request.some:
@@ -93,10 +93,10 @@ def _stored_way(out: Path) -> By | None:
 
 
 def _faster(scene: Scene, request: Request) -> tuple[By, str]:
-    """Return the way of truths that predicts less time.
+    """Return the faster way to trace truths.
 
-    An image costs a fixed time and a time for each triangle, and all pixels cost the same: fewer
-    images are faster.
+    Each image takes a fixed time and a time per triangle; the time of pixels is the same both ways.
+    So the way with fewer images is faster.
     """
     options = request.options
     arrays = arrays_by_directions(
