@@ -1,6 +1,6 @@
-"""Conformance suite: a renderer draws cases, its images are judged, and a statement is written.
+"""Conformance suite: a renderer draws cases, its images are judged, a statement is written.
 
-cases      Folders of cases that renderers get; archive of all cases with their truths
-run        A renderer run through cases, and the causes that `verify` names
+cases      Input folders of cases for renderers; archive of all cases with truths
+run        Runs of a renderer on cases, with causes of failures by `verify`
 statement  Verdicts as a statement, a page, JUnit and a badge
 """

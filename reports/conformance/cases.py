@@ -1,8 +1,8 @@
-"""Folders of cases, the input of renderers, and the archive of all cases with their truths.
+"""Input folders of cases for renderers, and the archive of all cases with truths.
 
-The folder of a case has scene.obj in double precision and in the order of triangle numbers,
-scene.glb for engines, cameras.json and scene.npz as `camera --for json` writes them, and case.json
-with the question.
+The folder of a case has scene.obj (double precision, in the order of triangle numbers), scene.glb
+for engines, cameras.json and scene.npz as of `camera --for json`, and case.json, which describes
+the required images.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ STORED_TIME = (1997, 1, 1, 0, 0, 0)
 
 
 def accepted(case: Case) -> str:
-    """Return the accepted answers of a case, one sentence."""
+    """Return the criterion by which pixels of a case are accepted, one sentence."""
     edge = "wherever no edge lies within rounding of the pixel's center"
     if case.colored:
         text = f"colors within the tolerance, {edge}"
@@ -56,8 +56,8 @@ def accepted(case: Case) -> str:
 
 
 def described(case: Case, scene: Scene) -> dict[str, Any]:
-    """Return case.json: the question, its scene, and the materials and lights of the surfaces."""
-    # The film of each aperture is stated, so that renderers need not derive it.
+    """Return case.json: required images, scene, materials and lights."""
+    # Write the film of each aperture, so that renderers need not derive it.
     reference = Reference(scene)
     first = np.cumsum([0, *(len(part.faces) for part in scene.objects)]).tolist()
     apertures = []
@@ -142,10 +142,10 @@ def write_case(case: Case, scene: Scene, folder: Path) -> None:
 
 
 def _wavefront(scene: Scene) -> str:
-    """Return scene.obj without the line that names its materials.
+    """Return scene.obj without the line that names the file of materials.
 
-    Every vertex of an object has a texture coordinate and a normal if any has, so that a corner is
-    the same number in each list; corners without a value do not refer to it.
+    If any vertex of an object has a texture coordinate or a normal, all vertices have one, so that
+    a corner has the same number in each list; corners without a value do not refer to it.
     """
     lines = list[str]()
     first, first_uv, first_normal = 1, 1, 1
@@ -239,7 +239,7 @@ class Archive:
         _open_archive(self.path)
 
     def __call__(self, case: Case, scene: Scene) -> list[HogelImage]:
-        """Return the truth of each hogel of a case; InputError if the archive has another."""
+        """Return the truth of each hogel of a case; InputError if the archive has other truths."""
         reference, truths, archive = Reference(scene), [], _open_archive(self.path)
         try:
             for number, aperture in enumerate(case.apertures(scene)):
@@ -273,7 +273,7 @@ def _open_archive(path: Path) -> zipfile.ZipFile:
 
 
 def export(cases: Sequence[Case], out: Path, done: Callable[[], object] = lambda: None) -> Path:
-    """Write the archive of some cases into a folder, return its path; call `done` after each."""
+    """Write an archive of cases into a folder and return its path; call `done` after each case."""
     with refused(f"--out {out}: cannot write there"):
         out.mkdir(parents=True, exist_ok=True)
         path = out / ARCHIVE

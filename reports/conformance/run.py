@@ -1,6 +1,6 @@
-"""A renderer run through the conformance suite: it gets each case, and its images are judged.
+"""Run of a renderer on the cases of the conformance suite, with verdicts on its images.
 
-Verdicts rest only on the frozen truth and the bounds of rounding; `verify` names the cause of a
+Verdicts depend only on the frozen truth and the rounding bounds; `verify` names the cause of a
 failed case.
 """
 
@@ -42,15 +42,15 @@ MAX_REASON_BYTES = 1 << 16
 SUFFIXES = (".png", ".exr")
 
 Drawing = Callable[[Path, dict[str, Any], tuple[int, int]], Any]
-"""A renderer in Python: a function of the folder of a case, its case.json and a hogel.
+"""Renderer in Python: a function of the folder of a case, its case.json, and a hogel.
 
-It returns numbers plus one, 0 for nothing, (H, W), or linear radiance (H, W, 3), and raises
-NotImplementedError for a case that it does not claim.
+The function returns triangle or object numbers plus one (H, W), 0 for background, or linear
+radiance (H, W, 3). It raises NotImplementedError for an unsupported case.
 """
 
 
 class UnsupportedError(Exception):
-    """A case that a renderer does not claim, with its reason."""
+    """Case that a renderer does not support, with the reason."""
 
 
 class CaseOutcome(StrEnum):
@@ -77,21 +77,21 @@ class Verdict:
     name: str
     level: str
     verdict: CaseOutcome
-    #: names of faults, or a `Failure`; of unsupported cases, the reason
+    #: names of defects, or a `Failure`; for unsupported cases, the reason
     cause: str | None = None
     #: sentences about the failure
     words: tuple[str, ...] = ()
-    #: by fault, other faults that explain the same images; the whole level decides (`agreed`)
+    #: other defects that explain the same images, by defect; the whole level decides (`agreed`)
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     #: judged hogels, >= 0
     hogels: int = 0
     pixels: Pixels = field(default_factory=Pixels)
-    #: of the worst hogel, data URLs by name
+    #: pictures of the worst hogel, data URLs by name
     pictures: dict[str, str] = field(default_factory=dict)
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """Names of the faults that explain the failure."""
+        """Names of the defects that explain the failure."""
         unnamed = self.verdict is not CaseOutcome.FAIL or self.cause in (
             None,
             Failure.MISSING,
@@ -104,13 +104,13 @@ class Verdict:
 class CaseRenderer:
     """A renderer: exactly one of command, images and python."""
 
-    #: program run once per case, with {case} and {out}, folders
+    #: program that runs once per case, with the folders {case} and {out}
     command: str | None = None
     #: folder with a folder of images per case
     images: str | None = None
     #: module:function, a `Drawing`
     python: str | None = None
-    #: time of a command per case, seconds, > 0
+    #: time limit of a command per case, seconds, > 0
     timeout_s: float = 60.0
 
     def __post_init__(self) -> None:
@@ -171,7 +171,7 @@ class CaseRenderer:
             self._call(case, scratch / "case", out)
         reasons = sorted(out.glob(f"{UNSUPPORTED_FILE}*"))
         for path in (out, *reasons, *out.glob("hogel_*")):
-            # A foreign link could bring the content of any file into the statement.
+            # A link could copy the content of any file into the statement.
             if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(allowed)):
                 raise Problem(f"{path}: is a link out of {allowed}; put the file itself there")
         if reasons:
@@ -208,7 +208,7 @@ class CaseRenderer:
 
 
 def _reason(path: Path) -> str:
-    """Return the reason in a renderer's file, "" in an empty one; Problem if it is not a file."""
+    """Return the text of a file with a reason, "" for an empty file; Problem if unreadable."""
     try:
         empty = path.is_file() and path.stat().st_size == 0
         content = b"" if empty else read_small(path, "file with a reason", MAX_REASON_BYTES)
@@ -218,7 +218,7 @@ def _reason(path: Path) -> str:
 
 
 def write_hogel(case: Case, out: Path, index: tuple[int, int], drawn: Any) -> None:
-    """Write the image of a hogel: numbers plus one, linear radiance, or bytes of a picture."""
+    """Write the image of a hogel: numbers plus one, linear radiance, or 8-bit colors."""
     path = out / f"hogel_{index[0]}x{index[1]}"
     if case.colored and drawn.dtype != np.uint8:
         planes = {name: drawn[..., place].astype(np.float32) for place, name in enumerate("RGB")}
@@ -228,7 +228,7 @@ def write_hogel(case: Case, out: Path, index: tuple[int, int], drawn: Any) -> No
 
 
 def encoded_truth(case: Case, truth: HogelImage) -> Any:
-    """Return the answer of a right renderer: numbers plus one (H, W), or radiance (H, W, 3)."""
+    """Return the image of a correct renderer: numbers plus one (H, W), or radiance (H, W, 3)."""
     if case.colored:
         return truth.color
     return (truth.triangle if case.encoding == "triangle-id" else truth.object) + 1
@@ -239,7 +239,7 @@ class RunOptions:
     """Settings by which the images of a renderer are judged."""
 
     truths: Truths = traced
-    #: model by whose roundings wrong pixels are explained
+    #: device model that explains wrong pixels by rounding
     device: DeviceModel = ANY_DEVICE
     #: whether to keep pictures of failed cases
     pictures: bool = True
@@ -275,7 +275,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
         except UnsupportedError as reason:
             return replace(verdict, verdict=CaseOutcome.UNSUPPORTED, cause=str(reason))
         except Problem as problem:
-            # The name of the scratch folder differs between runs, but statements must be equal.
+            # Remove the name of the scratch folder, so that statements of equal runs are equal.
             text = str(problem).replace(f"{scratch.path}/", "")
             return replace(verdict, cause=Failure.MISSING, words=(text,))
         pixels = Pixels()
@@ -285,7 +285,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
         verdict = replace(verdict, hogels=len(images), pixels=pixels)
         if pixels.within(case):
             return replace(verdict, verdict=CaseOutcome.PASS)
-        # `verify` would name culling or a scale for pictures of nothing.
+        # For empty pictures `verify` would name culling or a scale.
         if not any(map(_shows, images.values())):
             text = "nothing is shown, in any hogel"
             return replace(verdict, cause=Failure.NOTHING_SHOWN, words=(text,))
@@ -320,7 +320,7 @@ def _shows(image: HogelImage) -> bool:
 def _diagnosed(
     verdict: Verdict, case: Case, scene: Scene, out: Path, suffix: str, *, pictures: bool
 ) -> Verdict:
-    """Return the verdict of a failed case with the faults that `verify` names, and pictures."""
+    """Return the verdict of a failed case with the defects named by `verify`, and pictures."""
     from xfrustum.reports.verification.verification import verify  # noqa: PLC0415 - loads long
 
     # In a pattern of files, braces of the folder's own name are escaped.
@@ -345,14 +345,14 @@ def _diagnosed(
 
 
 MIN_AGREEING = 0.5
-"""Smallest share of the failed cases of a level, out of those with a named cause, that must admit a
-fault for it to stand: a fault can explain a case of few surfaces by chance."""
+"""Smallest share of a level's failed cases with a named cause that a named defect must explain: a
+defect can explain a case of few surfaces by chance."""
 
 
 def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
     """Return verdicts whose causes agree within each level; other causes become guesses.
 
-    A case with several possible faults counts for each of them, and gets the fault of most cases.
+    A case with several possible defects counts for each, and gets the most frequent defect.
     """
     admitted = [
         (verdict.level, {*verdict.faults}.union(*verdict.alternatives.values()))
@@ -363,7 +363,7 @@ def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
 
 
 def _agreed(verdict: Verdict, admitted: Sequence[tuple[str, set[str]]]) -> Verdict:
-    """Return a verdict in agreement with the levels and admitted faults of all failed cases."""
+    """Return a verdict consistent with `admitted`: levels and possible defects of failed cases."""
     if not verdict.faults:
         return verdict
     level = [names for level, names in admitted if level == verdict.level]

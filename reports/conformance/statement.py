@@ -17,7 +17,7 @@ from xfrustum.reports.conformance.run import CaseOutcome, Verdict
 from xfrustum.scenes.conformance.suite import LEVELS, SUITE, chosen, suite_digest
 
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
-#: failed cases that the terminal lists
+#: largest number of failed cases in the terminal
 MAX_LISTED = 20
 NOT_RUN = "not run"
 
@@ -28,13 +28,13 @@ class Statement:
 
     renderer: str
     device: str
-    #: name of the model by which rounding is explained
+    #: name of the device model that explains rounding
     device_model: str
     verdicts: tuple[Verdict, ...]
 
     @cached_property
     def counts(self) -> dict[str, Counter[str]]:
-        """Numbers of cases by judged level and outcome, and of the cases that were not run."""
+        """Numbers of cases by judged level and outcome, including cases that were not run."""
         counts = dict[str, Counter[str]]()
         for case in sorted(self.verdicts, key=lambda case: list(LEVELS).index(case.level)):
             counts.setdefault(case.level, Counter())[str(case.verdict)] += 1
@@ -46,7 +46,7 @@ class Statement:
     @property
     def levels(self) -> dict[str, CaseOutcome]:
         """Outcome of each judged level: pass if no case fails and at least one passes."""
-        # One failed case fails its level; unsupported cases only leave it partly claimed.
+        # One failed case fails the level; a level with unsupported cases is partly claimed.
         order = (CaseOutcome.FAIL, CaseOutcome.PASS, CaseOutcome.UNSUPPORTED)
         return {
             level: next(outcome for outcome in order if counts[outcome])
@@ -59,17 +59,17 @@ class Statement:
 
     @property
     def passed(self) -> bool:
-        """No case fails; a renderer claims every case that it does not call unsupported."""
+        """True if no case fails; a renderer claims all cases but unsupported cases."""
         return CaseOutcome.FAIL not in self.levels.values()
 
     @property
     def partly(self) -> set[str]:
-        """Levels passed without some of their cases, which are not claimed or were not run."""
+        """Passed levels with cases that are not claimed or were not run."""
         return {level for level, n in self.counts.items() if 0 < n[CaseOutcome.PASS] < n.total()}
 
     @property
     def sentence(self) -> str:
-        """The verdict in one sentence."""
+        """Verdict, one sentence."""
         failed, passed = self.of_outcome(CaseOutcome.FAIL), []
         for level in self.of_outcome(CaseOutcome.PASS):
             counts = self.counts[level]
@@ -92,7 +92,7 @@ class Statement:
             "device_model": self.device_model,
             "levels": self.levels,
             "counts": self.counts,
-            # Pictures are megabytes of base64: they belong to the page.
+            # Leave pictures, megabytes of base64, to the page.
             "cases": [{k: v for k, v in case.items() if k != "pictures"} for case in cases],
         }
 
@@ -100,7 +100,7 @@ class Statement:
         """Return badge.json, in the form that badge services read."""
         levels = self.of_outcome(CaseOutcome.PASS)
         message = " ".join(level + ("*" if level in self.partly else "") for level in levels)
-        # Some levels passed and some failed, so that neither green nor red is right.
+        # Yellow: some levels pass and some fail.
         color = "brightgreen" if self.passed else "yellow"
         if not message:
             nothing = ("nothing claimed", "lightgrey") if self.passed else ("no level", "red")
@@ -113,7 +113,7 @@ class Statement:
         }
 
     def table(self) -> str:
-        """Return a line for the verdict, for each level, and for each failed case."""
+        """Return lines for the verdict, each level, and each failed case."""
         lines = [self.sentence]
         for level, outcome in self.levels.items():
             counts = ", ".join(f"{n} {name}" for name, n in sorted(self.counts[level].items()) if n)

@@ -35,36 +35,36 @@ from xfrustum.scenes.model.visibility import (
 )
 from xfrustum.scenes.representation import counted
 
-#: Place and size of the part of the picture that shows space, pixels.
+#: position and size of the drawing area in the picture, pixels
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 
-#: Margin around all content, as a share of its size; and size in the picture below which an object
-#: gets a ring.
+#: Margin around all content, share of its size; and size in the picture, pixels, below which an
+#: object is marked by a ring.
 MARGIN, SMALL_PX = 0.04, 7.0
 
-#: Distance beyond the reach, or from the plate's sides, share of the whole reach, from which
-#: objects are named and not drawn: a mesh in wrong units must not shrink all others to a dot.
+#: Largest distance of drawn objects beyond the reach or the plate's sides, share of the whole
+#: reach. Farther objects are only named: a mesh in wrong units must not shrink others to a dot.
 FARTHEST = 0.75
 
 #: largest number of objects that are drawn: as many as the template has colors
 MAX_DRAWN = 5
 
-#: cells of the mask of an outline per pixel of the picture, in either direction
+#: cells of the outline mask per pixel of the picture, in each direction
 FINER = 2
 
-#: Attribute of the views' first element, redundant in a page: HTML implies the namespace of svg.
+#: attribute of the first element of a view, redundant in HTML pages
 NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 
 
 class View(StrEnum):
-    """Viewpoint of a view of a scene; the viewer's side of the plate is always to the right."""
+    """Viewpoint of a scene's picture; the viewer's side of the plate is always on the right."""
 
     SIDE = "side"
     TOP = "top"
 
     @property
     def axis(self) -> int:
-        """The coordinate that points upward in the picture: y from the side, x from above."""
+        """Axis that points upward in the picture: y from the side, x from above."""
         return 1 if self is View.SIDE else 0
 
 
@@ -76,7 +76,7 @@ TITLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class PictureFrame:
-    """The rectangle of space that a view shows, in one scale in both directions."""
+    """Rectangle of space that a view shows, with equal scales in both directions."""
 
     #: Left, bottom, right and top, scene units: z to the right, and x or y upward.
     box: tuple[float, float, float, float]
@@ -85,7 +85,7 @@ class PictureFrame:
 
     @classmethod
     def from_scene(cls, scene: Scene, view: View) -> Self:
-        """Show the reach, the plate, the frusta and all objects that are not far away."""
+        """Return the frame of the reach, the plate, the frusta and all objects not far away."""
         toward, back = scene.frustum.reach
         far, plate = FARTHEST * (toward + back), scene.plate.size[view.axis] / 2
         least, most = np.array([-back - far, -plate - far]), np.array([toward + far, plate + far])
@@ -98,22 +98,22 @@ class PictureFrame:
         first, last = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
         size = np.array([WIDTH, HEIGHT])
         scale = float((size / (last - first)).min() / (1 + 2 * MARGIN))
-        # The rectangle is as wide and as high as its place on the picture.
+        # Give the rectangle the aspect ratio of the drawing area.
         ends = [(first + last) / 2 + side * size / scale / 2 for side in (-1, 1)]
         left, bottom, right, top = np.concatenate(ends).tolist()
         return cls(box=(left, bottom, right, top), scale=scale)
 
     def place(self, points: Floats) -> Floats:
-        """Return places (.., 2) of points of z and x or y, pixels from the frame's top left."""
+        """Return positions (.., 2), pixels from the top left, of points (z, x) or (z, y)."""
         left, _, _, top = self.box
         return np.asarray((points - (left, top)) * (self.scale, -self.scale))
 
     def x(self, z: float) -> float:
-        """Return where a height z lies on the picture, pixels from its left."""
+        """Return the column of a height z in the picture, pixels from the left."""
         return round(LEFT + (z - self.box[0]) * self.scale, 1)
 
     def y(self, across: float) -> float:
-        """Return where an x or y lies on the picture, pixels from its top."""
+        """Return the row of an x or y in the picture, pixels from the top."""
         return round(TOP + (self.box[3] - across) * self.scale, 1)
 
 
@@ -125,8 +125,8 @@ def shown_apertures(scene: Scene) -> list[Aperture]:
 def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Floats]:
     """Return closed outlines (N, 2) of an object within a frame, pixels from its top left.
 
-    Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is
-    projected; a part thinner than a cell of the mask is shown as thick as one.
+    Holes are separate outlines, for the even-odd rule. Every triangle is projected; parts thinner
+    than a cell of the mask are one cell thick.
     """
     size = int(FINER * WIDTH), int(FINER * HEIGHT)
     mask = Image.new("1", size)
@@ -145,7 +145,7 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Floats]
     # Add a border, so that outlines that leave the frame are closed along it.
     rings = []
     for contour in find_contours(np.pad(np.asarray(mask, np.float64), 1), 0.5):
-        # Points within a straight run are left out; their halves are exact.
+        # Leave out points within straight runs; their halves are exact.
         bends = np.pad(np.diff(contour, 2, axis=0).any(axis=1), 1, constant_values=True)
         rings.append((contour[bends][:, ::-1] - 0.5) / FINER)
     return rings
@@ -154,8 +154,8 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Floats]
 def draw_view(scene: Scene, view: View) -> str:
     """Return one view of a scene as a self-contained SVG document.
 
-    Plate, reach and frusta are drawn in one scale in both directions, and objects as outlines of
-    all their triangles. Objects that are too far away are only named.
+    Plate, reach and frusta are drawn with equal scales in both directions, objects as outlines of
+    all triangles. Objects that are too far away are only named.
     """
     frame, frustum, axis = PictureFrame.from_scene(scene, view), scene.frustum, view.axis
     toward, back = frustum.reach
@@ -181,7 +181,7 @@ def draw_view(scene: Scene, view: View) -> str:
         shape = {
             "name": f"{number} {Path(part.name).name}",
             "ring": ring,
-            # The label would be outside the picture.
+            # An object outside the picture has its heights as a label.
             "away": "" if shapes else heights(lowest[2], highest[2], scene.units),
             "path": "".join(f"M{path}Z" for path in paths),
         }
@@ -192,7 +192,7 @@ def draw_view(scene: Scene, view: View) -> str:
         return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
 
     def printable(words: str) -> str:
-        # XML cannot hold control characters, which file names may have.
+        # File names may contain control characters, which XML cannot represent.
         return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
 
     values = {
@@ -216,7 +216,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def scene_fit(scene: Scene) -> dict[str, Any]:
-    """Return the views and warnings of a page's section about its scene (`_scene.html.j2`)."""
+    """Return the views and warnings for the scene section of a page (`_scene.html.j2`)."""
     views = tuple(Markup(draw_view(scene, view).replace(NAMESPACE, "", 1)) for view in View)
     return {"views": views, "warnings": warnings(scene)}
 
@@ -240,7 +240,7 @@ class SceneCheck(NotebookRepr):
     scene: Scene
     objects: tuple[ObjectCheck, ...]
     warnings: tuple[str, ...]
-    #: whether any aperture of the plate can show anything; true of a scene without objects
+    #: whether any aperture of the plate can show anything; True for a scene without objects
     seen: bool
     effects: SceneEffects
 
@@ -260,7 +260,7 @@ class SceneCheck(NotebookRepr):
         return [Figure(caption=view.value, content=self.view(view).encode()) for view in View]
 
     def summary(self) -> dict[str, Any]:
-        """Return everything but the pictures, as `check --json` prints it."""
+        """Return the JSON object that `check --json` prints."""
         scene = self.scene
         objects = [
             {**vars(item.extent), "size": item.extent.size, **item.looks} for item in self.objects
@@ -284,7 +284,7 @@ class SceneCheck(NotebookRepr):
         )
 
     def table(self) -> str:
-        """Return a check as lines for people."""
+        """Return the check as text."""
         filters: Filters = {"length": length, "heights": heights}
         text = plain_text("check.txt.j2", vars(self), filters)
         return f"{text}\n{self.effects.table()}"
@@ -323,14 +323,14 @@ def check(
 
 
 def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
-    """Write side.svg and top.svg into a folder, both or none; InputError if that cannot be."""
+    """Write side.svg and top.svg into a folder, both or none; InputError if that fails."""
     return write_files(
         out, {name: checked.view(view) for view, name in zip(View, FILES, strict=True)}
     )
 
 
 def _looks(part: SceneObject) -> dict[str, str]:
-    """Describe a mesh's shading data: normals, colors of its own, and pictures on triangles."""
+    """Return descriptions of the shading data of a mesh: normals, colors and textures."""
     normals, colors, textures = "none: every triangle is flat", "none: its material's", "none"
     if part.vertex_normals is not None:
         usable = int(np.isfinite(part.vertex_normals).all(axis=1).sum())

@@ -40,7 +40,7 @@ EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
 
 @dataclass(frozen=True, kw_only=True)
 class EffectRow:
-    """One effect or one setting of sampling: used or left out, and the fact that decided it."""
+    """An effect or a sampling setting: used or left out, with the reason."""
 
     name: str
     used: bool
@@ -53,13 +53,13 @@ class EffectRow:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneEffects:
-    """Effects of the images of one aperture, decided from the scene alone."""
+    """Effects of the images of one aperture, determined from the scene without images."""
 
     scene: Scene
     aperture: Aperture
     settings: DoubleFrustum
     rows: tuple[EffectRow, ...]
-    #: of both cameras, from the back
+    #: slabs of both cameras, from the back
     slabs: tuple[SlabContent, ...]
     #: content of the frustum by depth, with errors in closed form
     depths: dict[str, Any]
@@ -69,7 +69,7 @@ class SceneEffects:
     def summary(self) -> dict[str, Any]:
         """Return the keys that effects add to `check --json`."""
         sampling, used = self.scene.sampling, {row.name for row in self.rows if row.used}
-        # One pass of the rasterizer per slab with content, of the cameras in use.
+        # The rasterizer draws one pass per slab with content, for the cameras in use.
         drawn = [slab for slab in self.slabs if slab.triangles and slab.camera.value in used]
         kinds = ("surfaces", "reflections") if Effect.REFLECTION in used else ("surfaces",)
         return {
@@ -133,17 +133,17 @@ def scene_effects(
     settings: DoubleFrustum | None = None,
     viewer_distance: float | None = None,
 ) -> SceneEffects:
-    """Return the effects of an aperture's images, from the scene alone.
+    """Return the effects of an aperture's images, determined from the scene without images.
 
-    The aperture is the middle one where None; settings are by default `default_near` without cuts.
-    InputError if settings do not fit the scene, or a surface lies behind the viewer.
+    `aperture` None: the middle; `settings` None: `default_near` without cuts. Raises InputError if
+    the settings do not fit the scene, or a surface is behind the viewer.
     """
     aperture = aperture or scene.plate.middle
     settings = settings or DoubleFrustum(near=default_near(scene))
     settings.check_against(scene.frustum)
     question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
     rows = effect_rows(scene, question)
-    # Antialiasing, band limiting and light paths change the picture: they are used on request.
+    # Antialiasing, band limiting and light paths are used only on request.
     sampling, transport = scene.sampling, scene.transport
     side, many, points = sampling.supersample, sampling.multisample, sampling.aperture
     smooth = f"{side} x {side} points a pixel and {counted(many, 'coverage sample')} are asked for"
@@ -168,7 +168,7 @@ def scene_effects(
 
 
 def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRow]:
-    """Return the decision about every local effect, with its reason."""
+    """Return the decision about every local effect, with the reason."""
     camera = Camera.BOTH if question is None else question.camera
     return [
         EffectRow(
@@ -182,7 +182,7 @@ def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRo
     ]
 
 
-#: Properties of objects that need an effect; cameras are needed by the objects' places.
+#: properties of objects that need an effect; positions of objects determine the cameras
 _CALLING = {
     Effect.SMOOTH_NORMALS: "normals at vertices",
     Effect.VERTEX_COLORS: "colors at vertices",
@@ -201,7 +201,7 @@ _REFUSALS = {
 
 
 def effect_reason(scene: Scene, decision: Decision, camera: Camera = Camera.BOTH) -> str:
-    """Return the fact that decided an effect."""
+    """Return the reason for the decision about an effect."""
     effect, inside, outside = decision.effect, len(decision.objects), len(decision.out_of_sight)
     if decision.refusal is not None:
         return _REFUSALS.get(decision.refusal, f"camera {camera} alone is asked for")
@@ -228,8 +228,8 @@ def default_near(scene: Scene) -> float:
 def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[str, Any]:
     """Return the content of an aperture's frustum by depth, with closed-form errors of each bin.
 
-    The near offset displaces what lies below the first cut, and a fit reduces that: by default the
-    first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
+    The near offset displaces surfaces below the first cut, and a fit reduces the displacement: by
+    default the first slab is fitted to its cut. The cameras of other slabs are in the aperture.
     """
     film, screen = np.array(scene.frustum.resolution), scene.frustum.screen
     corner_px, contrast = math.hypot(*film) / 2, band_limiting.contrast_of(scene, [aperture])
@@ -287,9 +287,9 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
 
 
 def _separation(content: DepthBin, sections: Sections, settings: DoubleFrustum) -> float:
-    """Return the smallest separation that is ordered at a bin's farthest content, scene units."""
+    """Return the smallest resolved separation at a bin's farthest content, scene units."""
     low, high = next((ends for ends in sections if content.farthest <= ends[1]), sections[-1])
-    # The first slab's camera has stepped back; the cameras of other slabs stand in the aperture.
+    # The camera of the first slab is offset; the cameras of other slabs are in the aperture.
     back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
     w = np.array([content.farthest + back])
     separation = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
@@ -301,9 +301,10 @@ def _points(count: int | None) -> str:
 
 
 def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:
-    """Return a display's limits for a viewer at a distance, and whether near is noticed there.
+    """Return a display's limits for a viewer at a distance, and whether the viewer notices near.
 
-    All surfaces within the reach count, hidden or not; InputError if one lies behind the viewer.
+    All surfaces within the reach count, even hidden surfaces; InputError if a surface is behind the
+    viewer.
     """
     # Import late: measures of eyes load the ray tracers, which `check` without a viewer does not
     # need.

@@ -28,12 +28,12 @@ from xfrustum.scenes.model.visibility import PLATE_ROUNDING, box, in_plate
 #: Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes.
 FOV_DEG, RESOLUTION = 60.0, 512
 
-#: Apertures along the longer side of the plate: odd, so that the middle one is in the middle; and
-#: the least margin of plate and reach, a factor.
+#: Apertures along the longer side of the plate, odd, so that an aperture is in the middle; and
+#: smallest ratio of plate or reach to the mesh.
 HOGELS, ROOM = 61, 1.1
 
-#: Tolerated deviation from a whole number of cells, and from the distance of a viewer: quotients of
-#: lengths in other units have a few roundings of doubles.
+#: Relative tolerance of numbers of cells and of viewing distances: quotients of lengths in other
+#: units have a few roundings of doubles.
 WHOLE = 1e-9
 
 #: Mantissas of lengths in a new scene file, times a power of ten: rounded up by at most 4/3.
@@ -41,7 +41,7 @@ ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
 class Place(StrEnum):
-    """Placement of the object: its middle in the plate, or all of it behind or in front."""
+    """Placement of the object: middle in the plate, or entirely behind or in front of it."""
 
     THROUGH = "through"
     BEHIND = "behind"
@@ -56,7 +56,7 @@ class Up(StrEnum):
 
     @property
     def rotate_deg(self) -> tuple[float, float, float]:
-        """Turn of the axis to the scene's y, so that the mesh's -y side looks at the viewer."""
+        """Rotation of the axis to the scene's y, so that the mesh's -y side faces the viewer."""
         return (-90.0, 0.0, 0.0) if self is Up.Z else (0.0, 0.0, 0.0)
 
 
@@ -67,10 +67,10 @@ Length = (
 
 @dataclass(frozen=True, kw_only=True)
 class NewSceneOptions:
-    """Options of a new scene; None leaves the choice to the mesh."""
+    """Options of a new scene; None: the value fits the mesh."""
 
-    #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`:
-    #: no other mesh file names its unit.
+    #: Name of the length unit; None: `m` for glTF, whose unit is the meter, else `units`, because
+    #: no other mesh file has a unit.
     units: str | None = None
     #: length of the longest side; by default the mesh's own, or a length that fits `plate`
     size: Length | None = None
@@ -82,7 +82,7 @@ class NewSceneOptions:
     #: distance from which no cells are visible, unless `pitch` overrides it
     viewer: Length | None = None
     up: Up | str = Up.Y
-    #: replace an existing file
+    #: whether to replace an existing file
     force: bool = False
 
 
@@ -91,7 +91,7 @@ class NewScene:
     """A scene file that was written."""
 
     path: Path
-    #: lengths of the mesh's box along x, y and z, as its file has it
+    #: lengths of the mesh's bounding box along x, y and z, in units of its file
     mesh: tuple[float, ...]
     scale: float
     translate: tuple[float, ...]
@@ -105,17 +105,17 @@ class NewScene:
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: Warning of a changed placement, of undrawable triangles, or of visible cells; None for none.
     warning: str | None = None
-    #: features of the mesh file that are not honoured
+    #: features of the mesh file that are not shown
     unread: tuple[UnreadFeature, ...] = ()
 
     @property
     def pitch(self) -> float:
-        """The larger distance between apertures of both axes, scene units."""
+        """Larger distance between apertures of the two axes, scene units."""
         return max(side / count for side, count in zip(self.plate, self.hogels, strict=True))
 
     @property
     def cells_within(self) -> float:
-        """Distance from the plate at which one arc minute spans a hogel, scene units."""
+        """Distance from the plate at which a hogel spans one arc minute, scene units."""
         return self.pitch * ARCMIN_PER_RADIAN / ACUITY_ARCMIN
 
     @property
@@ -142,11 +142,11 @@ def new_scene(
 ) -> NewScene:
     """Write a scene file whose plate, reach and field of view fit a mesh.
 
-    Fields of `NewSceneOptions` may be given by name. By default a mesh is centered in the plate; a
-    flat mesh that would lie in the plate, where displacement is undefined, is put behind it.
+    Fields of `NewSceneOptions` may be given by name. By default a mesh is centered in the plate. A
+    flat mesh would lie in the plate, where displacement is undefined, and is placed behind it.
 
-    InputError if the mesh cannot be read or has no size, a length is not positive or has an unknown
-    unit, the pitch is larger than the plate, the file exists already or cannot be written.
+    Raises InputError if the mesh cannot be read or has no size, a length is not positive or has an
+    unknown unit, the pitch is larger than the plate, or the file exists or cannot be written.
     """
     mesh, request = Path(mesh), replace(options or NewSceneOptions(), **fields)
     place = None if request.place is None else choice(Place, request.place, "place")
@@ -157,7 +157,7 @@ def new_scene(
             f"{out}: exists already; give --out another name, or --force to replace it"
         )
     if request.units is not None and not (request.units and request.units.isprintable()):
-        # A comment of the scene file names them too: a line feed would end it.
+        # The name is also in a comment of the scene file, which a line feed would end.
         raise InputError(f"units must be printable text on one line, not {request.units!r}")
     named = request.units or ("m" if mesh.suffix.lower() in (".gltf", ".glb") else "units")
 
@@ -222,7 +222,7 @@ class _Display:
                 raise InputError(
                     f"a pitch of {length(pitch)} is larger than the plate, {length(min(size))}"
                 )
-            # A quotient within rounding of a whole number of cells is that number.
+            # Round a quotient down if it exceeds a whole number only by rounding.
             columns, rows = (math.ceil(side / pitch * (1 - WHOLE)) for side in size)
             if self.pitch is not None and not self.plate:
                 size = tuple(float(f"{count * pitch:.12g}") for count in (columns, rows))
@@ -237,8 +237,8 @@ class _Display:
                 f"the mesh ends {length(top)} {units} before the plate, behind a viewer at "
                 f"{length(self.viewer)} {units}; give a smaller --size, or --behind"
             )
-        # A stated plate exists: its cells are visible from the stated distance, or else from any
-        # distance.
+        # The plate is a real display: its cells must be invisible from the viewing distance, or
+        # without one from any distance.
         seen = bool(self.plate) and self.pitch is None
         if self.viewer is not None:
             seen = self.viewer < written.cells_within * (1 - WHOLE)
@@ -250,7 +250,7 @@ class _Display:
 def _fitted(
     mesh: Path, out: Path, request: NewSceneOptions, display: _Display, size: float | None
 ) -> NewScene:
-    """Choose everything from the box about a mesh."""
+    """Return a scene that fits the bounding box of a mesh."""
     part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
     turn, in_file = Up(request.up).rotate_deg, box(part)
     part = placed(part, placement(1.0, turn)) if any(turn) else part
@@ -273,8 +273,7 @@ def _fitted(
     width, height, depth = (own * scale).tolist()
     flat = depth <= PLATE_ROUNDING * max(width, height)
     place = Place(request.place or (Place.BEHIND if flat else Place.THROUGH))
-    # From there on the middle aperture, of a plate no larger than the object, sees all of its
-    # nearest side.
+    # From this distance on, the middle aperture shows the whole nearest side of the object.
     gap = _round_up(ROOM * max(width, height) / 2 / math.tan(math.radians(FOV_DEG) / 2))
     side = {Place.THROUGH: 0, Place.BEHIND: -1, Place.BEFORE: 1}[place]
     # Six digits of the longest side, and no negative zero.
@@ -322,5 +321,5 @@ def _round_up(value: float) -> float:
 
 
 def _quoted(text: str) -> str:
-    """Return a string of TOML."""
+    """Return a TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

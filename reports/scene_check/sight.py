@@ -1,4 +1,4 @@
-"""Sentences about objects unseen, cut by the reach, tiny, in the plate, or seen from behind."""
+"""Sentences about objects that are invisible, cut, tiny, in the plate, or seen from behind."""
 
 import shlex
 from collections.abc import Sequence
@@ -22,22 +22,22 @@ from xfrustum.scenes.plate.plate import Aperture
 #: largest number of objects that one message names
 MAX_NAMED_OBJECTS = 3
 
-#: pixels of the images in which back faces are counted
+#: width and height of the images in which back faces are counted, pixels
 FACING_RESOLUTION = (64, 64)
 
-#: Smallest size of an object, share of the plate's longer side, without a warning. A smaller object
-#: is more likely in other units: a pixel of a hogel is a hundredth of that side, or more.
+#: Smallest size of an object without a warning, share of the plate's longer side. A smaller object
+#: is probably in other units: a pixel of a hogel is a hundredth of that side, or more.
 MIN_SIZE_FRACTION = 0.01
 
 
 def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
-    """Raise InputError, with sizes, for a scene whose objects no aperture sees."""
+    """Raise InputError, with sizes, if no aperture shows an object."""
     if sentence := unseen_sentence(scene, apertures):
         raise InputError(sentence)
 
 
 def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
-    """Return why no object is visible from the apertures, with advice; None if one is visible."""
+    """Return the reason and advice if apertures show no object; else None."""
     command = shlex.join(("xfrustum", "check", scene.source or scene.name))
     advice = "Change the object's scale or translate, or the frustum's reach"
     facts = unseen_facts(scene, apertures)
@@ -45,7 +45,7 @@ def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 
 
 def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
-    """Return, with sizes, the reason that no aperture sees an object, or None."""
+    """Return the reason, with sizes, if apertures show no object; else None."""
     if not scene.objects or sees_any(scene, apertures):
         return None
     reasons = [
@@ -94,9 +94,9 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
 
 
 def facing_warnings(scene: Scene) -> tuple[str, ...]:
-    """Return a sentence for each object most of whose visible pixels show back faces.
+    """Return a sentence for each object whose visible pixels mostly show back faces.
 
-    An uncertified tracer traces the middle aperture and the plate's corners.
+    The middle aperture and the plate's corners are traced, without certificates.
     """
     from xfrustum.compare.metrics.error_maps import turned_away  # noqa: PLC0415 - loads SciPy
     from xfrustum.reference import Reference  # noqa: PLC0415 - loads ray tracers
@@ -123,14 +123,14 @@ def _called(number: int, part: SceneObject) -> str:
 
 
 def _first(messages: list[str]) -> tuple[str, ...]:
-    """Return the first few sentences; the last one ends with the number of others."""
+    """Return the first sentences; the last ends with the number of further objects."""
     more = len(messages) - MAX_NAMED_OBJECTS
     named = messages[:MAX_NAMED_OBJECTS]
     return tuple(named) if more <= 0 else (*named[:-1], f"{named[-1]}; and so for {more} more")
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
-    """Return, with sizes, why apertures do not see an object: beyond the reach, or to the side."""
+    """Return, with sizes, why apertures do not show an object: out of reach, or to the side."""
     (toward, back), units, (low, high) = scene.frustum.reach, scene.units, box(part)
     share = share_in_reach(part, scene.frustum)
     if share is None:
@@ -138,7 +138,7 @@ def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) 
     if share == 0:
         reach = back if high[2] < 0 else toward
         return f"{_spans(low[2], high[2], units)}; the reach is {length(reach)} {units} there"
-    # The gap between the lines and the box, and their ends from the plate's middle.
+    # Compute gaps between the lines and the box, and their distances from the plate's middle.
     ends, gaps = (max(low[2], -back), min(high[2], toward)), list[tuple[float, str]]()
     for axis, words in enumerate((("to the left of", "to the right of"), ("below", "above"))):
         left, right = aside_of_frusta(scene.frustum, apertures, axis, ends)
@@ -154,7 +154,7 @@ def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) 
 
 
 def length(value: float) -> str:
-    """Write a length in four digits, thousands between commas."""
+    """Return a length with four digits and commas between thousands."""
     if value == 0 or 1e-3 <= abs(value) < 1e6:
         digits = 3 - int(np.floor(np.log10(abs(value)))) if value else 0
         text = f"{value:,.{max(digits, 0)}f}"
@@ -163,7 +163,7 @@ def length(value: float) -> str:
 
 
 def heights(low: float, high: float, units: str) -> str:
-    """Write the heights of something as distances from the plate."""
+    """Return heights as distances from the plate, in words."""
     if low == high == 0:
         return "in the plate"
     if low < 0 < high:
@@ -174,7 +174,7 @@ def heights(low: float, high: float, units: str) -> str:
 
 
 def _spans(low: float, high: float, units: str) -> str:
-    """Write heights with their verb: a flat object lies at one height."""
+    """Return heights with a verb: a flat object lies at one height."""
     return f"{'lies' if length(low) == length(high) else 'spans'} {heights(low, high, units)}"
 
 
@@ -187,7 +187,7 @@ def _size(low: Point, high: Point) -> str:
 
 
 def _percent(share: float) -> str:
-    """Write a share as percent; only exact 0 and 1 are written as 0 % and 100 %."""
+    """Return a share in percent; only exact 0 and 1 are written as 0 % and 100 %."""
     if 0 < share < 0.001:
         return "less than 0.1 %"
     return "more than 99.9 %" if 0.999 < share < 1 else f"{100 * share:.3g} %"

@@ -1,4 +1,4 @@
-"""Answer of a survey: counts and bounds of each setting, sentence, JSON object and page."""
+"""Result of a survey: counts and bounds of each setting, sentence, JSON object and page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ WORDS = "survey-words.txt.j2"
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Survey(NotebookRepr):
-    """Answer of a survey."""
+    """Result of a survey."""
 
     scene: Scene
     settings: tuple[DoubleFrustum, ...]
@@ -56,20 +56,20 @@ class Survey(NotebookRepr):
         return self.extent.at_most(stats.beyond)
 
     def bound_words(self, stats: rows.SettingStats) -> str:
-        """Return the bound in percent, rounded up; "-" where there is none."""
+        """Return the bound in percent, rounded up; "-" without a bound."""
         share = self.at_most(stats)
         return "-" if share is None else percent_up(share)
 
     @property
     def exceeded(self) -> bool:
-        """Verdict: the share exceeds `until`, or, without it, a judged hogel is beyond."""
+        """True if the share exceeds `until`, or without `until`, if a judged hogel is beyond."""
         stats, limit = self.stats[self.best], self.extent.sample.until
         share = self.at_most(stats)
         return stats.beyond > 0 if limit is None else share is None or share > limit
 
     @property
     def sentence(self) -> str:
-        """Answer in one sentence, for the best setting."""
+        """Result for the best setting, one sentence."""
         stats, sample = self.stats[self.best], self.extent.sample
         return sentence(
             WORDS,
@@ -82,7 +82,7 @@ class Survey(NotebookRepr):
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return the record of `survey --json`: the best setting, then each in its order."""
+        """Return the record of `survey --json`: the best setting, then all settings in order."""
         sample = self.extent.sample
         settings = zip(self.settings, map(self._counts, self.stats), strict=True)
         record = {
@@ -118,7 +118,7 @@ class Survey(NotebookRepr):
         }
 
     def table(self) -> str:
-        """Return the sentence, and a line for each of several settings."""
+        """Return the sentence, and one line per setting if there are several."""
         several = zip(self.settings, self.stats, strict=True) if len(self.settings) > 1 else ()
         lines = [
             sentence(WORDS, "setting", near=used.near, stats=stats, bound=self.bound_words(stats))
@@ -146,7 +146,7 @@ MARKED_HOGELS = 3
 #: factor by which the axis of displacement exceeds the values
 DISTRIBUTION_MARGIN = 3.0
 
-#: the worst hogels with pictures
+#: worst hogels with their pictures
 Pictured = Sequence[tuple[rows.WorstHogel, rows.ShownHogel]]
 
 
@@ -171,7 +171,7 @@ def write_survey(answer: Survey, pictured: Pictured, out: Path) -> tuple[Path, .
 
 
 def render_page(answer: Survey, pictured: Pictured) -> str:
-    """Return one self-contained HTML document, equal for equal rows."""
+    """Return a self-contained HTML document, which depends only on the rows."""
     scene, settings = answer.scene, answer.settings[answer.best]
     maps = {f"map-{number}": figure for number, figure in enumerate(map_figures(answer))}
     drawn = {**maps, "distribution": distribution_figure(answer)}
@@ -188,7 +188,7 @@ def render_page(answer: Survey, pictured: Pictured) -> str:
 
 
 def map_figures(answer: Survey) -> list[Plot]:
-    """Draw each measure of the best setting that is not zero everywhere over the plate."""
+    """Draw maps of the measures of the best setting that are not zero everywhere."""
     stats, plate = answer.stats[answer.best], answer.scene.plate
     figures = []
     for name, values in stats.maps.items():
@@ -212,7 +212,7 @@ def words_of(column: str) -> str:
 
 
 def distribution_figure(answer: Survey) -> Plot:
-    """Draw the share of hogels displaced by more than each tolerance, a curve a setting."""
+    """Draw the share of hogels beyond each tolerance, one curve per setting."""
     shown, lines = [answer.tolerance_px], []
     for number, (settings, stats) in enumerate(zip(answer.settings, answer.stats, strict=True)):
         tolerances, shares = stats.share_beyond()

@@ -30,18 +30,18 @@ from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 
-#: number of the worst hogels of each setting that are named and shown
+#: number of worst hogels per setting on the page
 WORST_HOGELS = 6
 #: columns that rank the worst hogels
 P99, SURFACE = "displacement_px_p99", "surface_fraction"
-#: columns that all counts except maps need
+#: columns that all statistics except maps need
 COUNTED = ("column", "row", "setting", "beyond", "covered", P99, SURFACE)
 
-#: Smallest displacement in the distribution, far below the resolution of 32-bit positions; and
-#: largest number of its points.
+#: Smallest displacement in the distribution, far below the resolution of float32 positions, and
+#: largest number of points of the curve.
 MIN_SHOWN_PX, SHOWN_QUANTILES = 1e-6, 500
 
-#: Columns that are mapped where they have values, and their captions; columns of causes follow.
+#: captions of mapped columns; columns of causes are mapped too
 MAP_COLUMNS = {
     P99: "displacement (p99), px",
     SURFACE: "share of wrong surfaces",
@@ -53,19 +53,19 @@ MAP_COLUMNS = {
 #: longest side of a picture on the page
 MAX_PICTURE_PX = 512
 
-#: Pixels that are drawn and judged in a block, with the overhead of each hogel: 10 to 60 s of one
-#: core, while a task costs a scheduler a few milliseconds.
+#: Pixels drawn and judged in a block, including the overhead of hogels: 10 to 60 s of one core. A
+#: task costs a scheduler a few milliseconds.
 PIXELS_PER_BLOCK = 1 << 22
 
-#: Overhead of a hogel in pixels: the triangles of the car, transformed for each drawing and each
-#: link of the error budget, take as long as 256 x 256 pixels.
+#: Overhead of a hogel, pixels: transforming the triangles of the car for each drawing and each link
+#: of the error budget takes as long as 256 x 256 pixels.
 PIXELS_PER_HOGEL = 1 << 16
 
-#: number of blocks even of a small sample, so that several workers have work
+#: smallest number of blocks, so that several workers have work on a small sample
 MIN_BLOCKS = 16
 
-#: Smallest number of hogels, in whole rows, of a block whose truths are decided by directions: a
-#: pass over the scene serves them all, and a killed process loses two minutes of work.
+#: Number of hogels, in whole rows, of a block whose truths are decided by directions: all share
+#: each pass over the scene, and a killed process loses at most two minutes of work.
 DIRECTIONS_BLOCK = 1 << 12
 
 
@@ -81,10 +81,10 @@ class Device:
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyRow:
-    """One hogel drawn with one setting: the measures of `report`, and the error by depth.
+    """Row of one hogel and setting: the measures of `report`, and errors by cause.
 
-    `beyond` (`compare.beyond`) also counts wrong surfaces: displacement does not show depth
-    fighting or a lost object, because every visible point may be in its place.
+    `beyond` (`compare.beyond`) also includes wrong surfaces, because displacement does not reveal
+    z-fighting or a missing object: every visible point may be in its place.
     """
 
     column: int
@@ -95,7 +95,7 @@ class SurveyRow:
     settings: DoubleFrustum = field(metadata=named_columns("{}"))
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
     causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
-    #: pixels
+    #: number of unexplained pixels
     unexplained: int
     device: Device
 
@@ -131,23 +131,23 @@ class SurveyRow:
 class WorstHogel:
     """Hogel ranked by its errors: beyond the limits, then displacement, then wrong surfaces."""
 
-    #: column and row
+    #: column and row of the hogel
     aperture: tuple[int, int]
-    #: None if it is undefined
+    #: 99th percentile of displacement, pixels; None if undefined
     displacement_p99_px: float | None
     surface_fraction: float
     beyond: bool
 
     @property
     def badness(self) -> float:
-        """Displacement, pixels: infinite where it is undefined beyond the limits, else 0."""
+        """Displacement, pixels; if undefined, infinite for a hogel beyond the limits, else 0."""
         if self.displacement_p99_px is None:
             return math.inf if self.beyond else 0.0
         return self.displacement_p99_px
 
     @property
     def order(self) -> tuple[object, ...]:
-        """Sort key, the worst first; equal hogels by their place, however parts are read."""
+        """Sort key, worst first; equal hogels by place, independent of the order of parts."""
         return not self.beyond, -self.badness, -self.surface_fraction, self.aperture[::-1]
 
 
@@ -164,20 +164,20 @@ class SettingStats:
     judged: int
     #: hogels beyond the tolerance
     beyond: int
-    #: hogels within the limits that show nothing
+    #: number of hogels within the limits that show nothing
     empty: int
-    #: the worst first
+    #: worst hogels, worst first
     worst: tuple[WorstHogel, ...]
     #: cells of maps with a judged hogel
     known: Mask
-    #: By column: the largest value in each cell (rows, columns); NaN where there is none.
+    #: largest value in each cell (rows, columns) by column name; NaN without a value
     maps: dict[str, Floats]
     #: defined displacements (p99) of hogels, pixels, ascending
     moved_px: Floats
 
     @classmethod
     def from_rows(cls, hogels: tuple[int, int], rows: pa.Table) -> Self:
-        """Count the rows of a plate with columns and rows of hogels."""
+        """Return the statistics of rows; `hogels` are the columns and rows of the plate."""
         places = np.stack([_numbers(rows, name) for name in ("column", "row")], -1).astype(np.int64)
         beyond, moved = _numbers(rows, "beyond") > 0, _numbers(rows, P99)
         columns = places.tolist(), moved.tolist(), _numbers(rows, SURFACE).tolist(), beyond.tolist()
@@ -220,7 +220,7 @@ def stats_of(
     hogels: tuple[int, int], settings: int, rows: Sequence[pa.Table]
 ) -> tuple[SettingStats, ...]:
     """Return the statistics of each setting; see `counted_rows`."""
-    # A part of a job array may have no block, and be the first to end.
+    # A part of a job array may have no block, and finish first.
     none = pa.table({name: pa.array([], pa.float64()) for name in COUNTED})
     table = pa.concat_tables(rows) if rows else none
     number = _numbers(table, "setting")
@@ -235,13 +235,13 @@ def _numbers(rows: pa.Table, name: str) -> Floats:
 
 
 def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
-    """Return the size of a block of some hogels; it never depends on the number of workers."""
+    """Return the number of hogels of a block, independent of the number of workers."""
     cost = (math.prod(frustum.resolution) + PIXELS_PER_HOGEL) * settings
     return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
 
 
 def rows_per_block(scene: Scene) -> int:
-    """Return the whole rows of a block whose truths are decided by directions."""
+    """Return the number of plate rows of a block whose truths are decided by directions."""
     columns, rows = scene.plate.hogels
     return min(
         tile_rows(scene.frustum, columns),
@@ -252,7 +252,7 @@ def rows_per_block(scene: Scene) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class ShownHogel:
-    """Pictures of one hogel as data URLs by caption, and all its channels."""
+    """Pictures of one hogel as data URLs by caption, and its channels."""
 
     pictures: dict[str, str]
     inspected: InspectedHogel

@@ -1,4 +1,4 @@
-"""`xfrustum survey`: the share of a plate's hogels beyond a tolerance, and the worst of them."""
+"""`xfrustum survey`: the share of a plate's hogels beyond a tolerance, and the worst hogels."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     note: Callable[[str], object] = lambda line: None,
     progress: bool = False,
 ) -> Survey:
-    """Judge hogels all over a plate, and write the rows, their page and survey.json.
+    """Judge hogels all over a plate; write survey.parquet, survey.json and the pages.
 
-    Every hogel is drawn with each of the settings, and counts as beyond `tolerance_px` by
-    `compare.beyond`; `tracer` gives the truth a second opinion. `truth_by` is the order in which
-    truths are decided, with the same rows. Hogels are judged by `engine`, by default in one process
-    per processor; `note` takes notes, a sentence each.
+    Every hogel is drawn with each setting; `compare.beyond` defines the hogels beyond
+    `tolerance_px`. `tracer` gives a second opinion on the truth. `truth_by` is the order in which
+    truths are computed; rows are equal. `engine` judges the hogels, by default in one process per
+    processor. `note` receives sentences.
 
-    A stopped survey continues where it was. Its rows equal those from an undisturbed run, except
-    the index of `device`, which names the worker's device.
+    A stopped survey continues. Rows equal the rows of an undisturbed run, except the index of
+    `device`, which identifies the worker's device.
 
-    InputError if the scene, settings or folder are not usable, or the folder holds another survey.
+    Raises InputError if scene, settings or folder are unusable, or the folder has another survey.
     """
     one_of(scene, Scene, "scene")
     request, engine = request or SampleRequest(), engine or Engine()
@@ -87,7 +87,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         tracer=tracer,
         truth_by=order,
     )
-    # Samples are of the hogels that can show something.
+    # Sample only hogels that can show something.
     population = None if everything else places_of(apertures_drawn(scene, drawn))
     sample = PlateSample.from_request(hogels, request, population, len(drawn))
     size = hogels_per_block(sample.first_size, scene.frustum, len(drawn))
@@ -100,7 +100,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         "tolerance_px": tolerance_px,
     }
     work |= {"scene": scene_description(scene), "hogels": sample.description}
-    # Blocks depend on the order, which a message then names without them.
+    # Blocks depend on the order of truths: a message about a difference then names only the order.
     work["truths"] = {"--truth-by": order, order: {"block": size}}
     parts.open(json_ready(work))
 
@@ -149,7 +149,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
 def _each(
     settings: DoubleFrustum | Sequence[DoubleFrustum], scene: Scene
 ) -> tuple[DoubleFrustum, ...]:
-    """Return the settings, each once; InputError if one does not suit the scene."""
+    """Return the settings without repetition; InputError if a setting does not fit the scene."""
     drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
     if not drawn:
         raise InputError("a survey needs at least one setting; give --near or --nears")
