@@ -69,8 +69,10 @@ for name in ("asymmetric", "hard/edge-through-aperture"):
         position=np.full((64, 3), -1.0), triangle=np.zeros(64, np.int32),
         tolerance=np.full(64, 1e-6)
     )
-    pairs = occlusion._Pairs(
-        point=np.arange(64), triangle=np.zeros(64, np.int32), sure=np.zeros(64, bool)
+    nowhere = np.zeros(64)
+    pairs = occlusion.Candidates(
+        ray=np.arange(64), triangle=np.zeros(64, np.int64), t=nowhere, error=nowhere,
+        sure=nowhere > 0
     )
     reference._occlusion._off_planes(points, pairs)
     with backend.recording():
