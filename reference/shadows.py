@@ -70,7 +70,7 @@ class ShadowedShader:
     def _coplanar(self, first: Indices, second: Indices) -> Mask:
         """Return which triangles lie in the planes of others (K,), decided in integers."""
         a, b = self._mesh.triangles[first], self._mesh.triangles[second]
-        coplanar = first == second
+        coplanar: Mask = first == second
         # Doubles rule out most: a corner farther from the plane than the bound of its determinant.
         edges = np.abs(a[:, 1:] - a[:, :1])
         offsets = b - a[:, :1]

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -112,12 +113,12 @@ def benchmark_rays(
                 few = tuple(part[:NATIVE_RAYS] for part in lines)
                 singles = tuple(part.astype(np.float32) for part in lines)
                 runs: dict[str, Callable[[], object]] = {
-                    "exact": lambda lines=lines, exact=exact: exact.intersects_first(*lines),
-                    "embree": lambda lines=lines, embree=embree: embree.intersects_first(*lines),
-                    "bare": lambda singles=singles, bare=bare: bare.first_hits(*singles),
+                    "exact": partial(exact.intersects_first, *lines),
+                    "embree": partial(embree.intersects_first, *lines),
+                    "bare": partial(bare.first_hits, *singles),
                 }
                 if find_spec("rtree") is not None:
-                    runs["native"] = lambda few=few, native=native: native.intersects_first(*few)
+                    runs["native"] = partial(native.intersects_first, *few)
                 seconds = race(runs, repeat, bar.update)
                 counts = {"native": len(few[0])}
                 rates = {

@@ -7,6 +7,7 @@ Integers decide the exact answers on every pair of a ray and a triangle, without
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from importlib.util import find_spec
 from typing import Any
 
@@ -167,10 +168,10 @@ def _exact(triangles: Floats, origin: Floats, direction: Floats) -> list[list[in
     count = len(triangles)
     tiled = (np.tile(vector, (count, 1)) for vector in (origin, direction, [0.0, np.inf]))
     decided = meet(np.array(triangles), *tiled)
-    places: dict[object, list[int]] = {}
+    places: dict[Fraction, list[int]] = {}
     for number in np.flatnonzero(decided.met).tolist():
         places.setdefault(decided.place(number), []).append(number)
-    return [numbers for _, numbers in sorted(places.items())]  # type: ignore[type-var]
+    return [numbers for _, numbers in sorted(places.items())]
 
 
 def _misses(first: Indices | Numbers, right: list[list[list[int]]]) -> int:

@@ -228,7 +228,8 @@ def _ratios(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float
     own = [row for row in rows if row.scene == scene]
 
     def least(hogels: int, way: PlateWay) -> float:
-        return min(getattr(row, name) for row in own if (row.hogels, row.way) == (hogels, way))
+        matching = (row for row in own if (row.hogels, row.way) == (hogels, way))
+        return float(min(getattr(row, name) for row in matching))
 
     return [
         (hogels, least(hogels, PlateWay.DIRECTIONS) / least(hogels, PlateWay.TWO_CAMERAS))

@@ -205,7 +205,8 @@ class PencilLines:
 
     def along_rows(self, cones: Cones, row: Any) -> RowPlanes:
         """Return the planes of triangles along rows of the image."""
-        return cones.planes.along_rows(dr.gather(Float64, self.down, row))
+        planes: RowPlanes = cones.planes.along_rows(dr.gather(Float64, self.down, row))
+        return planes
 
     def met(self, planes: RowPlanes, column: Any) -> tuple[Any, Any]:
         """Return s where the lines of columns meet planes, and a bound on its error."""

@@ -142,7 +142,7 @@ class ExactIntersector:
         Open meshes are accepted: a point counts as inside if the number of surfaces above it, along
         +z, is odd, as in `locate_points` with closed=False.
         """
-        return self.locate_points(points, closed=False) == Location.INSIDE
+        return np.asarray(self.locate_points(points, closed=False) == Location.INSIDE)
 
     def locate_points(self, points: ArrayLike, *, closed: bool = True) -> Indices:
         """Return 1 for points (N, 3) inside the surface, 0 on it, -1 outside, (N,).
@@ -191,9 +191,10 @@ class ExactIntersector:
         return self._built[1]
 
     def _hits(
-        self, rays: RayBatch, multiple_hits: bool, max_hits: int, each_place: bool
+        self, rays: RayBatch, multiple_hits: bool, max_hits: Any, each_place: bool
     ) -> AllHits:
         """Return the hits of rays, nearest first: every triangle, or one for each place."""
+        # Callers without a type checker pass anything.
         if not isinstance(max_hits, int | np.integer) or max_hits < 1:
             raise InputError(f"max_hits: {max_hits!r} is no positive integer; pass one")
         if not multiple_hits:

@@ -127,7 +127,7 @@ class RayBatch:
     def exponents(self) -> Indices:
         """Exponents e (N,): the largest component of each direction is in [2^(e-1), 2^e)."""
         x, y, z = np.abs(self.directions).T
-        return np.frexp(np.maximum(np.maximum(x, y), z))[1].astype(np.int64)
+        return np.asarray(np.frexp(np.maximum(np.maximum(x, y), z))[1], dtype=np.int64)
 
     def points(self, lengths: Floats) -> Floats:
         """Return the points (N, 3) at t times 2^`exponents`.
@@ -236,8 +236,8 @@ class ExactMesh:
                 if len(winners) > 1:
                     certainty[number] = Certainty.TIE
                     ties.append(np.array([(number, winner) for winner in winners]))
-        hits = FirstHits(triangle=triangle, t=t, certainty=certainty, ties=np.concatenate(ties))
-        return hits, lengths
+        first = FirstHits(triangle=triangle, t=t, certainty=certainty, ties=np.concatenate(ties))
+        return first, lengths
 
     def all(self, rays: RayBatch) -> AllHits:
         """Return all surfaces along rays."""
@@ -404,8 +404,8 @@ class ExactMesh:
         }
         number, triangle_from_afar = self._from_afar(batch[far], self._scale)
         for rays, triangles in ((ray, triangle), (far[number], triangle_from_afar)):
-            for number, place in self._places(batch, rays, triangles):
-                hits[int(rays[number])].append((place, int(triangles[number])))
+            for pair, place in self._places(batch, rays, triangles):
+                hits[int(rays[pair])].append((place, int(triangles[pair])))
         return hits
 
     def _places(

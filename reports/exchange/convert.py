@@ -239,12 +239,13 @@ def convert(
         files = _files_at(source, read_as, options)
         plate, layout, notes = files.rows(), files.layout.name, ()
         reasons = words.reasons(files)
+    losses: tuple[str, ...] = ()
     if target == ZARR:
         if array is PlateArray.TRIANGLE and plate.floating:
             raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
         described: dict[str, object] = {"source": str(source), "layout": layout}
         _into_group(plate, out, array or PlateArray.COLOR, described, progress=progress)
-        count, losses = math.prod(plate.shape.hogels), ()
+        count = math.prod(plate.shape.hogels)
     else:
         form = _target(plate, out, target, options)
         target, losses = form.layout.name, words.losses(plate, form)

@@ -99,8 +99,8 @@ class PictureFrame:
         size = np.array([WIDTH, HEIGHT])
         scale = float((size / (last - first)).min() / (1 + 2 * MARGIN))
         # Give the rectangle the aspect ratio of the drawing area.
-        ends = [(first + last) / 2 + side * size / scale / 2 for side in (-1, 1)]
-        left, bottom, right, top = np.concatenate(ends).tolist()
+        rectangle = [(first + last) / 2 + side * size / scale / 2 for side in (-1, 1)]
+        left, bottom, right, top = np.concatenate(rectangle).tolist()
         return cls(box=(left, bottom, right, top), scale=scale)
 
     def place(self, points: Floats) -> Floats:

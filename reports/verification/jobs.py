@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -183,8 +184,9 @@ def verify_on(
         if options.command is not None and _rows(job, looks) is not None:
             # A digest proves that files are unchanged; the output of a program has no digest.
             note(f"what is in {parts.folder} was finished; the command is judged anew")
-            for named in (QUESTION, *(block.number for look in looks for block in look)):
-                parts.remove(named)
+            parts.remove(QUESTION)
+            for block in chain.from_iterable(looks):
+                parts.remove(block.number)
         with open_workers(engine, len(looks[0]), draws=False) as workers:
             # One process diagnoses before all others judge.
             digest, question = workers.ask(job, VerifySession.question)
