@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,7 +145,7 @@ def test_the_middle_comes_first_and_each_other_one_is_the_worst_by_some_criterio
         (max(looks, key=lambda look: look.outline_widths), Criterion.OUTLINES),
     ):
         assert criterion in criteria[worst.aperture]
-    same = {"height": looks[0].height, "outline_widths": looks[0].outline_widths}
+    same: dict[str, Any] = {"height": looks[0].height, "outline_widths": looks[0].outline_widths}
     alike = [replace(look, **same) for look in looks]
     assert chosen_of(both_sides, *alike).apertures == (middle,)
 

@@ -54,7 +54,7 @@ def both_ways(
             for name in CHANNELS
         }
         shape = len(tile.rows), len(tile.columns)
-        ties = {
+        ties: set[tuple[int, ...]] = {
             (row - tile.rows[0], column - tile.columns[0], triangle)
             for (row, column), hogel in hogels.items()
             for *place, triangle in hogel.tied_triangles.tolist()
@@ -201,7 +201,8 @@ def aimed_triangles(
     projection.
     """
     points, directions = lines.points().reshape(-1, 3), lines.directions().reshape(-1, 3)
-    s = random.uniform(*np.array(lines.s_range) / 2, len(points))
+    nearest, farthest = lines.s_range
+    s = random.uniform(nearest / 2, farthest / 2, len(points))
     first = points + s[:, None] * directions
     reach = 0.4 * np.array(lines.pitch)
     corners = np.repeat(first[:, None], 3, axis=1)

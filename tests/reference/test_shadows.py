@@ -11,7 +11,7 @@ from tests.support.views import soup
 from xfrustum.reference import shadows
 from xfrustum.reference.backend import cross, difference, dot
 from xfrustum.reference.shadows import ShadowedShader
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Indices
 
 LIGHT = np.array([0.3, -0.2, 0.9])
 DOWN = np.array([0.1, 0.2, -1.0])
@@ -33,11 +33,12 @@ def expected(triangles: Floats, own: int, point: Floats) -> bool:
     return any(place is not None and place > 0 for place in places)
 
 
-def points_on(triangles: Floats) -> tuple[Floats, Floats]:
+def points_on(triangles: Floats) -> tuple[Indices, Floats]:
     """Return three points of each triangle: inside, on an edge, and near a corner."""
     weights = np.array([[0.3, 0.3, 0.4], [0.5, 0.5, 0.0], [1 - 2e-16, 1e-16, 1e-16]])
-    own = np.repeat(np.arange(len(triangles)), len(weights))
-    return own, np.einsum("wk,fki->fwi", weights, triangles).reshape(-1, 3)
+    own = np.repeat(np.arange(len(triangles), dtype=np.int64), len(weights))
+    position: Floats = np.einsum("wk,fki->fwi", weights, triangles).reshape(-1, 3)
+    return own, position
 
 
 @pytest.mark.parametrize("grid", [False, True])

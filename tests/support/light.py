@@ -173,7 +173,8 @@ def moved_by_snapping(scene: Scene, image: HogelImage, model: DeviceModel) -> Fl
     exact = radiance_by_definition(scene, image)
     if not model.snaps_depth:
         return np.zeros_like(exact)
-    corners = itertools.product((-model.half_step, model.half_step), repeat=2)
+    shifts = (-model.half_step, model.half_step)
+    corners = itertools.product(shifts, shifts)
     moved = [radiance_by_definition(scene, image, at) for at in corners]
     return np.asarray(np.abs(np.array(moved) - exact).max(axis=0))
 

@@ -202,7 +202,7 @@ def budget_of(scene: Scene, settings: DoubleFrustum) -> tuple[RadianceBudget, Ch
 
 
 def step_of(budget: RadianceBudget, link: str) -> Floats:
-    return budget.steps[budget.links.index(link)]
+    return np.asarray(budget.steps[budget.links.index(link)])
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
@@ -232,7 +232,7 @@ def test_the_bend_is_counted_once() -> None:
     scene = painted("asymmetric", SHINY)
     budget, chain = budget_of(scene, reversed_d32f(2.0))
     truth, model = chain.images[0].color, chain.images[4].color
-    bend = sum(step_of(budget, link) for link in (*LINKS, EYE_VECTOR))
+    bend = np.sum([step_of(budget, link) for link in (*LINKS, EYE_VECTOR)], axis=0)
     same = budget.same & (np.abs(chain.images[-1].height) > 1.0)
     np.testing.assert_allclose(bend[same], (model - truth)[same], rtol=0, atol=1e-5)
 

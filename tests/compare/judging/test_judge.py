@@ -91,9 +91,14 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
             next(stream)
             stream.close()  # type: ignore[attr-defined]  # a generator
             assert not judging_threads()
-        places = {"draw": (Rasterizer, "draw"), "trace": (Reference, "trace")}
+        places: dict[str, tuple[object, str]] = {
+            "draw": (Rasterizer, "draw"),
+            "trace": (Reference, "trace"),
+            "compare": (run, "compare_images"),
+        }
         if broken != "aperture":
-            monkeypatch.setattr(*places.get(broken, (run, "compare_images")), fails)
+            target, name = places[broken]
+            monkeypatch.setattr(target, name, fails)
         with pytest.raises(ArithmeticError, match=broken):
             list(judge.stream(apertures(), SETTINGS[:2], causes=True))
     assert not judging_threads()

@@ -5,6 +5,7 @@ No object ends on this film, but parts of the mesh have outlines before other pa
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,8 @@ def checked(scene: Scene, indices: list[tuple[int, int]]) -> dict[str, list[tupl
             there = scene.plate.aperture(0, 0) if name == ONE_FOR_ALL else aperture
             shown = replace(trace_drawn(reference, model, there), camera=truth.camera)
             picture = lit(reference, shown)
-            figures = judge(reference, right, picture, picture.position, limits.judging)
+            points = picture.position.astype(np.float64)
+            figures = judge(reference, right, picture, points, limits.judging)
             verdict = Hogel.from_figures(limits, aperture, right, figures, figures).verdict
             wrong = float((shown.triangle != truth.triangle).mean())
             assert name != "right" or verdict != "fail"
@@ -129,6 +131,6 @@ def test_wrong_pictures_of_a_spider_that_fills_the_film_fail(shared_data: Path) 
     """Another program drew these pictures; 69 % of their surfaces are wrong."""
     folder = shared_data / "data" / "foreign" / "tried-4"
     scene, pattern = str(folder / "spider42.toml"), str(folder / "lit/h_{i}x{j}.png")
-    options = {"encoding": "srgb", "compare": "geometry", "apertures": [(30, 15)]}
+    options: dict[str, Any] = {"encoding": "srgb", "compare": "geometry", "apertures": [(30, 15)]}
     result = xfrustum.verify(scene, pattern, **options)
     assert result.verdict == "fail" and not result.diagnosis.faults

@@ -40,7 +40,7 @@ from xfrustum.scenes import (
     Scene,
     open_scene,
 )
-from xfrustum.scenes.arrays import Bytes, Mask
+from xfrustum.scenes.arrays import Bytes, Floats, Mask
 from xfrustum.scenes.files.foreign_images import Encoding, Reading, bytes_of
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.tolerances import MAX_WRONG
@@ -168,9 +168,10 @@ def test_geometry_passes_another_shading(centered: World) -> None:
 
     def renderer(_: Scene, aperture: Aperture) -> HogelImage:
         image = centered.raster(RIGHT, aperture.index)
-        nothing, color = np.full_like(image.triangle, NOTHING), headlight(image) / np.float32(255)
+        nothing = np.full_like(image.triangle, NOTHING)
+        color = np.asarray(headlight(image) / np.float32(255), dtype=np.float32)
         nowhere = np.full_like(image.position, np.nan)
-        unnamed = {"triangle": nothing, "object": nothing, "position": nowhere}
+        unnamed: dict[str, Any] = {"triangle": nothing, "object": nothing, "position": nowhere}
         return HogelImage(camera=image.camera, color=color, **unnamed)
 
     options: dict[str, Any] = {"apertures": [(3, 1)], "compare": "geometry"}
@@ -208,12 +209,13 @@ def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> No
     gray[:, 50:] += 1.0
     gray[8:90:6, 54:92] = 0
     gray[:, 60:92:8] *= 0.5
-    # Contrast is capped, as in pictures.
-    expected, moved = (
-        tuple(np.minimum(steps, 0.2) for steps in steps_of(picture))
-        for picture in (gray, np.roll(gray, shift, axis=1))
-    )
-    spread = outline_displacement(expected, moved)
+
+    def capped(picture: Floats) -> tuple[Floats, Floats]:
+        """Return the contrast, capped as in pictures."""
+        across, down = steps_of(picture)
+        return np.minimum(across, 0.2), np.minimum(down, 0.2)
+
+    spread = outline_displacement(capped(gray), capped(np.roll(gray, shift, axis=1)))
     assert spread is not None
     assert spread.max == pytest.approx(shift, abs=0.01)
 
@@ -315,12 +317,14 @@ def test_hogels_that_cannot_be_judged_refute_no_defect(
     before: Any, after: Any, mended: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def checks(_: Limits, figures: Any, excused: int = 0) -> tuple[Check, ...]:
-        some = {"figure": "", "value": None, "limit": 1.0, "unit": "px"}
-        return tuple(Check(**some, held=held) for held in figures.kept)
+        return tuple(
+            Check(figure="", value=None, limit=1.0, unit="px", held=held) for held in figures.kept
+        )
 
     monkeypatch.setattr(Limits, "checks", checks)
-    pair: Any = [SimpleNamespace(kept=kept, rounded=0) for kept in (before, after)]
-    assert Limits().mends(*pair, RendererModel()) is mended
+    as_found: Any = SimpleNamespace(kept=before, rounded=0)
+    corrected: Any = SimpleNamespace(kept=after, rounded=0)
+    assert Limits().mends(as_found, corrected, RendererModel()) is mended
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])

@@ -74,7 +74,7 @@ def overlaid(below: HogelImage, above: HogelImage) -> HogelImage:
     def choose(name: str) -> NDArray[Any]:
         upper = getattr(above, name)
         on_top = above.covered if upper.ndim == 2 else above.covered[..., None]
-        return np.where(on_top, upper, getattr(below, name))
+        return np.asarray(np.where(on_top, upper, getattr(below, name)))
 
     arrays: dict[str, Any] = {name: choose(name) for name in CHANNELS}
     return replace(below, **arrays)

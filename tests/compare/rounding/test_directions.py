@@ -134,7 +134,7 @@ def sheet(left: float, right: float, z: float) -> Floats:
 def test_a_sheet_is_displaced_by_snapping_alone(frustum: Frustum, z: float) -> None:
     """Edges at x appear at a = x + z d, or on the line through the screen's point."""
     edges = np.array([-3.3, 1.9])
-    scene = soup(sheet(*edges, z), frustum)
+    scene = soup(sheet(edges[0], edges[1], z), frustum)
     pixels = [(column, 0) for column in range(16)]
     images, device = drawn(scene, pixels, D32F)
     a, pitch = (np.arange(16) + 0.5) / 16 * 16.0 - 8.0, 1.0
@@ -147,7 +147,7 @@ def test_a_sheet_is_displaced_by_snapping_alone(frustum: Frustum, z: float) -> N
             at, height = 3.0 + u * 30.0, -90.0
             left, right = at + (edges - at) * height / (height - z)
         away = np.minimum(np.abs(a - left), np.abs(a - right)) > 1.01 * device.half_step * pitch
-        compared += np.count_nonzero(away)
+        compared += int(np.count_nonzero(away))
         inside = (a > left) & (a < right)
         np.testing.assert_array_equal((triangle[8] != NOTHING)[away], inside[away])
     assert compared > 0.95 * 16 * 16
@@ -168,7 +168,7 @@ def test_the_reach_cuts_surfaces_on_both_sides(side: float, screened: bool) -> N
     for truth, triangle in zip(true(scene, pixels), drawn(scene, pixels, D24)[0], strict=True):
         causes = explain_direction(scene, truth, triangle, LLVMPIPE, D24)
         assert causes.counts()["unexplained"] == 0
-        shown += np.count_nonzero(truth.triangle != NOTHING)
+        shown += int(np.count_nonzero(truth.triangle != NOTHING))
         wrong += len(causes.pixels)
     assert shown > 500 and wrong < 20
 

@@ -58,9 +58,9 @@ def test_all_but_few_pixels_show_the_true_triangle(name: str, depth: DepthFormat
     shown = wrong = turned = 0
     for drawn, true in drawn_and_true(scene, tile, pixels, depth):
         assert drawn.shape == true.shape
-        shown += np.count_nonzero(true >= 0)
-        wrong += np.count_nonzero(drawn != true)
-        turned += np.count_nonzero(drawn[::-1] != true)
+        shown += int(np.count_nonzero(true >= 0))
+        wrong += int(np.count_nonzero(drawn != true))
+        turned += int(np.count_nonzero(drawn[::-1] != true))
     # Snapping moves edges by 1/256 of a cell; small triangles of the car are a cell wide.
     assert shown > 300 and wrong < 0.03 * shown < turned
 

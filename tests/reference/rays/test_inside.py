@@ -95,11 +95,11 @@ def test_a_cavity_is_outside_and_touching_boxes_have_no_wall_between() -> None:
     hole.invert()
     mesh = trimesh.util.concatenate([outer, hole])
     inner, on, outer_side = Location.INSIDE, Location.ON, Location.OUTSIDE
-    line = [[0, 0, z] for z in (0, 0.75, 0.5, 1, 2)]
-    located = ExactIntersector(mesh).locate_points([*line, [1, 1, 1]])
+    line = [[0.0, 0.0, z] for z in (0, 0.75, 0.5, 1, 2)]
+    located = ExactIntersector(mesh).locate_points([*line, [1.0, 1.0, 1.0]])
     assert located.tolist() == [outer_side, inner, on, on, outer_side, on]
     pair = trimesh.util.concatenate([outer, outer.copy().apply_translation([2, 0, 0])])
-    located = ExactIntersector(pair).locate_points([[1, 0, 0], [0.9, 0, 0], [1.1, 1, 0]])
+    located = ExactIntersector(pair).locate_points([[1.0, 0, 0], [0.9, 0, 0], [1.1, 1, 0]])
     assert located.tolist() == [on, inner, on]
 
 

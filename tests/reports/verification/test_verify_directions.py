@@ -58,7 +58,8 @@ def causes(scene: Scene, plate: Path, hogels: list[tuple[int, int]]) -> Counter[
     judging = Judging(directions=source.directions)
     for index in hogels:
         image = source.image(scene.plate.aperture(*index))
-        figures = judge(reference, RendererModel(), image, image.position, judging, explained=True)
+        points = image.position.astype(np.float64)
+        figures = judge(reference, RendererModel(), image, points, judging, explained=True)
         assert figures.numbers.causes is not None
         counts.update(figures.numbers.causes)
         counts.update(wrong=figures.numbers.wrong, shown=figures.numbers.shown)

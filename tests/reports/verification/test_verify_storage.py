@@ -83,7 +83,7 @@ def test_files_of_other_programs_are_read_as_they_are_meant(
 ) -> None:
     (tmp_path / "h_2x2.exr").symlink_to(TRIED / f"{name}.exr")
     # One of the files has a black beauty part.
-    options = {"apertures": [(2, 2)], "compare": "geometry"}
+    options: dict[str, Any] = {"apertures": [(2, 2)], "compare": "geometry"}
     result = xfrustum.verify(bench, str(tmp_path / "h_{i}x{j}.exr"), **options)
     assert result.passed == right
     numbers = result.as_found
@@ -94,7 +94,7 @@ def test_files_of_other_programs_are_read_as_they_are_meant(
 def test_text_and_json_name_formats_that_change_pixels(tmp_path: Path) -> None:
     scene = open_scene("hard/only-behind")
     Image.new("RGB", scene.frustum.resolution, (90, 90, 90)).save(tmp_path / "h_0x0.jpg")
-    options = {"encoding": "srgb", "apertures": [(0, 0)]}
+    options: dict[str, Any] = {"encoding": "srgb", "apertures": [(0, 0)]}
     result = xfrustum.verify(scene, str(tmp_path / "h_{i}x{j}.jpg"), **options)
     assert result.summary()["storage"] == {"JPEG, lossy": 1}
     assert "stored as: JPEG, lossy (1 of 1 hogels)" in result.table()

@@ -57,7 +57,7 @@ def colors(image: HogelImage) -> np.ndarray:
 
 
 def levels(image: HogelImage) -> np.ndarray:
-    return np.rint(255 * np.clip(colors(image), 0, 1)).astype(np.uint8)
+    return np.asarray(np.rint(255 * np.clip(colors(image), 0, 1)), dtype=np.uint8)
 
 
 def judged(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:

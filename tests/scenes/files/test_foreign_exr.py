@@ -38,7 +38,8 @@ def numbers() -> NDArray[np.uint32]:
 
 def points(missing: float = np.nan) -> NDArray[np.float32]:
     """Return points whose coordinates are exact in half precision."""
-    position = np.random.default_rng(3).integers(1, 64, (*SHAPE, 3)).astype(np.float32) / 8
+    eighths = np.random.default_rng(3).integers(1, 64, (*SHAPE, 3))
+    position = (eighths / 8).astype(np.float32)
     position[:2] = missing
     return position
 
@@ -169,7 +170,7 @@ def test_a_file_without_usable_channels_is_refused_with_the_present_ones(
 
 def test_the_display_window_is_the_picture_whatever_pixels_are_stored(tmp_path: Path) -> None:
     def framed(planes: Planes, data: list[int], display: list[int]) -> HogelImage:
-        windows = {
+        windows: dict[str, Any] = {
             name: tuple(np.array(box, np.int32).reshape(2, 2))
             for name, box in (("dataWindow", data), ("displayWindow", display))
         }

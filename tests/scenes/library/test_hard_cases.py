@@ -68,7 +68,9 @@ class View:
 
     def __init__(self, name: str, aperture: Index = MIDDLE) -> None:
         self.image, scene = truth_of(name, aperture), scene_of(name)
-        self.row, self.column = np.indices(self.image.triangle.shape)
+        places = np.indices(self.image.triangle.shape, dtype=np.int64)
+        self.row: Indices = places[0]
+        self.column: Indices = places[1]
         self.where = scene.plate.aperture(*aperture)
         self.dx, self.dy, _ = np.moveaxis(lines_by_definition(scene, self.where), 2, 0)
         self.ties = companions_of(self.image)

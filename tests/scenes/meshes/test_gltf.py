@@ -209,7 +209,7 @@ def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
         writer.tree["meshes"][2]["primitives"] *= 2
         nodes = writer.tree["nodes"]
         for index in range(9):
-            parent = chance.integers(-2, index) if index else -1
+            parent = int(chance.integers(-2, index)) if index else -1
             node = writer.node(
                 root=parent < 0,
                 translation=chance.normal(size=3).tolist(),

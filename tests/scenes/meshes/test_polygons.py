@@ -128,7 +128,7 @@ def test_a_bridge_to_a_hole_is_cut_along() -> None:
     assert (crosses >= 0).all() and crosses.sum() / 2 == 100 - 9
 
 
-SPIRAL = [(0, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)]
+SPIRAL: list[tuple[float, float]] = [(0, 0), (9, 0), (0, 9), (-9, 0), (0, -9), (10, 0), (0, 10)]
 CROSSING: dict[str, list[tuple[float, float]]] = {
     "bow tie": [(0, 0), (1, 1), (1, 0), (0, 1)],
     "crossed pentagon": [(0, 0), (4, 4), (4, 0), (0, 4), (-3, 2)],
