@@ -439,7 +439,7 @@ PLATE_RATIOS = (
     ("directions", "batched"),
 )
 
-#: Largest number of timed passes over the plate: all W H of them would take minutes.
+#: largest number of timed passes over the plate; all W H passes would take minutes
 MOST_PASSES = 64
 
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
@@ -480,7 +480,7 @@ def benchmark_plate(
         }
         passes = spread_pixels(scene.frustum, MOST_PASSES)
         tile = PlateTile.whole(scene.plate)
-        # If surfaces reach the screen, images by direction do not exist.
+        # There are no images by direction if surfaces reach the screen.
         with suppress(InputError):
             turned = stack.enter_context(
                 DirectionRenderer(

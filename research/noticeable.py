@@ -240,7 +240,7 @@ def predicted(cell: Cell) -> Row:
 
 
 def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
-    """Yield the replays of some cells of one seat, whose true views are traced once."""
+    """Yield the replays of cells of one viewing position; true views are traced once."""
     scene = cells[0].opened()
     workbench = ReplayWorkbench(scene, cells[0].viewer, film_columns(scene.plate.size, pixels))
     for shown in (workbench.measure(cell.settings) for cell in cells):
@@ -254,7 +254,7 @@ def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
 
 
 def film_columns(size: tuple[float, float], pixels: int) -> int:
-    """Return the fewest columns of an eye's film that give two eyes `pixels` pixels."""
+    """Return the fewest columns of an eye's film for which two eyes have `pixels` pixels."""
     width, height = size
     # Start just below the solution of 2 columns rows = pixels.
     columns = max(1, math.isqrt(round(pixels / 2 * width / height)) - 1)
@@ -270,7 +270,7 @@ def make_study(
     *,
     progress: bool = False,
 ) -> StudyFiles | None:
-    """Answer a study, closed forms in this process, and write its document and data.
+    """Make a study, closed forms in this process, and write its document and data.
 
     A block of replays that is in the folder already, from the same libraries and device, is not
     made again. Returns None if other parts of a job array are not replayed yet.
@@ -320,7 +320,7 @@ def sentence(rows: Sequence[Row]) -> str:
     """Return the result in one sentence."""
     usual = min({row.distance for row in rows}, key=lambda distance: abs(distance - USUAL_DISTANCE))
     viewer = noticeable.Viewer(distance=usual)
-    # L^2/n of the rule without its small second-order term.
+    # L^2/n of the rule, without the small second-order term.
     metres = 2 * viewer.eyes_apart_mm / math.radians(viewer.stereo_acuity_arcsec / 3600) / 1000
     return (
         f"From {usual:g} mm nobody notices a near offset of up to {digits(rule_near(usual))} mm "
@@ -337,7 +337,7 @@ def rule_near(distance: float) -> float:
 
 
 def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
-    """Return the near at which a field that grows with near reaches its limit, by log scales.
+    """Return the near at which an increasing field reaches its limit, interpolated in logarithms.
 
     None if the smallest near is beyond it already, infinite where the largest is not.
     """
@@ -356,7 +356,7 @@ def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
 
 
 def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return the largest nears of every scene and pivot that are not noticed, mm, and by pixels."""
+    """Return the largest unnoticed nears, mm, of every scene and pivot, and limits by pixels."""
     limits = []
     for scene, pivot in dict.fromkeys((row.scene, row.pivot) for row in rows):
         own = [row for row in rows if (row.scene, row.pivot) == (scene, pivot)]
@@ -390,7 +390,7 @@ def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
 
 
 def disagreement(rows: Sequence[Row]) -> dict[str, int]:
-    """Count agreements of hogels' pixels and eyes about near, in closed form."""
+    """Count settings beyond the limit of pixels, of eyes, of both or of neither, in closed form."""
     own = {(r.scene, r.pivot, r.pitch, r.distance, r.near): r for r in rows}.values()
     seen = [
         (row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen)

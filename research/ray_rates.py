@@ -30,10 +30,10 @@ RAYS_MEANINGS = {
     "bare": "Embree through embreex on all processors, robust, rays at hand in float32",
 }
 
-#: rays of a race, and of trimesh's own class, which takes some 0.02 s for each
+#: number of rays in a run, and in a run of trimesh's own class, which takes some 0.02 s per ray
 RAYS, NATIVE_RAYS = 1_000_000, 100
 
-#: distance of starts of grazing rays from the point that they touch, in sizes of the mesh
+#: distance between the origin and the touched point of a grazing ray, in sizes of the mesh
 GRAZING_START = 2.0
 
 #: distance of grazing rays from vertices, in sizes of the mesh
@@ -41,7 +41,7 @@ OFF_VERTICES = 1e-4
 
 
 def default_meshes() -> dict[str, trimesh.Trimesh]:
-    """Return a sphere, the car, and the scan with the test data where it is beside the checkout."""
+    """Return a sphere, the car, and the scan of the test data if it exists."""
     car = open_scene("car")
     meshes = {
         "sphere": trimesh.creation.icosphere(subdivisions=6),
@@ -54,7 +54,7 @@ def default_meshes() -> dict[str, trimesh.Trimesh]:
 
 
 def read_mesh(path: Path) -> trimesh.Trimesh:
-    """Return the mesh of a file; InputError if trimesh reads no triangles there."""
+    """Return the mesh of a file; InputError if trimesh reads no triangles."""
     try:
         mesh = trimesh.load(path, process=False, force="mesh")
     except (ValueError, OSError) as error:
@@ -70,12 +70,12 @@ def rays_of_kinds(mesh: trimesh.Trimesh, count: int) -> dict[str, tuple[Floats, 
     low, high = mesh.bounds
     size = float(np.linalg.norm(high - low))
     inside = rng.uniform(low, high, (count, 3))
-    # A square film of pixels, from before the middle of the mesh.
+    # Rays through a square film, from a point in front of the mesh's middle.
     side = int(np.ceil(np.sqrt(count)))
     u, v = np.divmod(np.arange(count), side)
     film = np.stack((v / side - 0.5, 0.5 - u / side, np.full(count, -1.0)), axis=1)
     eye = (low + high) / 2 + [0.0, 0.0, 1.2 * size]
-    # Tangents at vertices, moved off them: through a vertex itself integers decide every ray.
+    # Tangents beside vertices: rays through a vertex itself would all be decided in integers.
     vertex = rng.integers(0, len(mesh.vertices), count)
     tangent = np.cross(mesh.vertex_normals[vertex], rng.normal(size=(count, 3)))
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -96,7 +96,7 @@ def benchmark_rays(
     *,
     progress: bool = False,
 ) -> Record:
-    """Race first hits of random, coherent and grazing rays; contestants take turns."""
+    """Time first hits of random, coherent and grazing rays; programs take turns."""
     races: list[Record] = []
     turns = len(meshes) * 3 * (repeat + 1) * len(RAYS_MEANINGS)
     with progress_bar(turns, "bench", "run", shown=progress) as bar:
@@ -153,7 +153,7 @@ def benchmark_rays(
 
 
 def rays_table(record: Record) -> str:
-    """Return rates and ratios as text, one row for each race."""
+    """Return rates and ratios as text, one row for each kind of rays."""
     names = list(RAYS_MEANINGS)
     rows: list[list[str]] = [["mesh", "triangles", "rays", *names, "exact/embree", "exact/native"]]
     for each in record["races"]:

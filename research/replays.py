@@ -80,7 +80,7 @@ class ReplayWorkbench:
         errors = errors[np.isfinite(errors)] * ARCSEC_PER_RADIAN
         change = None
         if errors.size:
-            # The border of the plate does not move, so that zero is one of the changes.
+            # The border of the plate does not move, so zero is among the changes.
             low, high = np.percentile(errors, (1, 99))
             change = float(max(high, 0.0) - min(low, 0.0))
         return Replayed(
@@ -126,7 +126,7 @@ def disparity_errors(reference: EyeReference, left: loss.Views, right: loss.View
             errors.append(place[..., 0] / (height - views.drawn.position[..., 2]))
         images.append(views.drawn)
     first, second = images
-    # The pixel of the right eye that truly shows the point of each pixel of the left eye.
+    # For each pixel of the left eye: the pixel of the right eye that truly shows the same point.
     pixel = np.nan_to_num(pixel_places(first.position, bundle), nan=-1.0, posinf=-1.0, neginf=-1.0)
     column, row = np.moveaxis(np.floor(np.clip(pixel, -1.0, 1e6) + 0.5).astype(int), -1, 0)
     width, rows = right.eye.resolution

@@ -425,7 +425,7 @@ def _cut(row: Row, rows: Rows, count: int) -> Cell:
 
 
 class Suitability(StrEnum):
-    """Suitability of one setting, and the reason against it."""
+    """Suitability of a setting, with the reason if it is unsuitable."""
 
     ENOUGH = "enough"
     BENT = "bent"
@@ -434,22 +434,21 @@ class Suitability(StrEnum):
 
 
 def suitability(row: Row, *, predicted: bool = False) -> Suitability:
-    """Judge one cell by its measures, or by the closed forms alone.
+    """Return the suitability of a cell by its measures, or by closed forms alone.
 
-    It is bent where displacement exceeds `TOLERANCE_PX`, measured or in closed form: points bent
-    out of the film are not drawn. Points clipped by the near plane, without an offset, count as
-    displaced.
-    It is starved where more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of
-    depth, or where sheets `ASKED_SEPARATION` apart at the far end are not ordered.
+    A cell is bent if displacement exceeds `TOLERANCE_PX`, as measured or in closed form: points
+    displaced out of the film are not drawn. Without an offset, points clipped by the near plane
+    count as displaced. A cell is starved if more than `MAX_DEPTH_WRONG` of the pixels show a wrong
+    surface because of depth, or if sheets `ASKED_SEPARATION` apart at the far end are not ordered.
     """
     bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
-    # The nearest |z| of a row belongs to its nearest hundredth.
+    # The nearest |z| of a row is the |z| of the nearest hundredth of its points.
     # Surfaces nearer than near are clipped.
     bent = bent or (row.offset is Offset.NONE and row.nearest < row.near)
     if predicted:
         starved = row.predicted_separation > ASKED_SEPARATION
     else:
-        # If no pixel has a measured displacement, all surfaces were lost by depth.
+        # Without any measured displacement, all surfaces were lost by depth.
         bent = bent or (row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX)
         starved = (
             row.depth_wrong / row.judged > MAX_DEPTH_WRONG
@@ -461,11 +460,11 @@ def suitability(row: Row, *, predicted: bool = False) -> Suitability:
 
 
 class Outcome(NamedTuple):
-    """Enough settings of a case."""
+    """Settings of a case for which one pair of frusta, or the fewest slabs, are enough."""
 
-    #: with any of which one pair of frusta is enough, largest first
+    #: nears for which one pair of frusta is enough, largest first
     nears: tuple[float, ...]
-    #: heights of the fewest slabs that were enough; None if none were
+    #: heights of the fewest slabs that are enough; None if no slabs are
     slabs: tuple[float, ...] | None
 
 
@@ -485,7 +484,7 @@ def outcomes(rows: Iterable[Row]) -> dict[Case, Outcome]:
 
 
 def straight_nears(rows: Iterable[Row]) -> set[float]:
-    """Return the nears of some rows at which no picture is bent, by any depth buffer."""
+    """Return the nears of rows at which no picture is bent with any depth buffer."""
     rows = list(rows)
     bent = {row.near for row in rows if suitability(row) in {Suitability.BENT, Suitability.BOTH}}
     return {row.near for row in rows} - bent
@@ -545,8 +544,8 @@ def sentence(rows: Rows) -> str:
         own = [outcome for case, outcome in results.items() if case.buffer == buffer]
         always = unbroken(set.intersection(*(set(outcome.nears) for outcome in own)), measured)
         enough = sum(bool(outcome.nears) for outcome in own)
-        # Among equally good buffers, the first that allows early depth tests. More enough cases
-        # first, then a wider range of nears.
+        # Sort by the number of suitable cases, then by the range of nears; among equal buffers take
+        # the first that allows early depth tests.
         rank = (enough, len(always), buffer[1] not in BY_FRAGMENT, -place)
         ranked.append((rank, buffer, always, len(own)))
     (enough, *_), buffer, always, cases = max(ranked)
@@ -565,7 +564,7 @@ def of_family(rows: Iterable[Row], family: Family) -> list[Row]:
 
 
 def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, ...]:
-    """Return the largest of some measured nears and all below it up to a gap, largest first."""
+    """Return the largest measured near and all nears below it down to a gap, largest first."""
     chosen = set(nears)
     from_largest = dropwhile(lambda near: near not in chosen, sorted(measured, reverse=True))
     return tuple(takewhile(lambda near: near in chosen, from_largest))
@@ -606,7 +605,7 @@ def agreement(rows: Rows) -> dict[str, float]:
         if outcome.nears and outcome.nears[-1] < near < outcome.nears[0]
     }
     gap_nears, gap_buffers = {near for near, _ in gaps}, {buffer for _, buffer in gaps}
-    # If any near is enough, the smallest one is taken as zero.
+    # If any near is enough, the smallest near counts as zero.
     least = {
         buffer: least_near(buffer) or 0.0 for buffer in dict.fromkeys(row.buffer for row in rows)
     }
@@ -704,7 +703,7 @@ def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[st
     return list(columns.values()), lines
 
 
-#: Colors of the maps, of Okabe and Ito's palette for color-blind readers, and meanings
+#: colors of the maps (Okabe and Ito's palette for color-blind readers) and their meanings
 COLORS = {
     Suitability.ENOUGH: ("#009E73", "one pair is enough"),
     Suitability.BENT: ("#E69F00", "bent by the near plane"),
@@ -714,7 +713,7 @@ COLORS = {
 
 
 def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:
-    """Return title and rows of each map by its name: one for each side, two for the rest."""
+    """Return title and rows of each map by name: one for each side, two further maps."""
     maps: dict[str, tuple[str, list[Row]]] = {}
     for row in rows:
         name, title = "families", "Other scenes"
@@ -773,5 +772,5 @@ def buffer_name(buffer: DepthBuffer) -> str:
 
 
 def near_words(near: float) -> str:
-    """Return a share of the reach in half decades in one digit, such as `3e-4` for 3.16e-4."""
+    """Return a share of the reach, in half decades, with one digit: `3e-4` for 3.16e-4."""
     return re.sub(r"e-0", "e-", f"{near:.0e}")

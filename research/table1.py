@@ -164,10 +164,10 @@ def table1_table(record: Record) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TessellatedCar:
-    """Built-in car in other triangles, and the reflective ones: the first, from the body on."""
+    """Built-in car with another number of triangles; the first triangles reflect."""
 
     scene: Scene
-    #: (F,)
+    #: (F,) mask of reflective triangles
     reflective: Mask
 
 
@@ -184,19 +184,19 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
             f"the car has at least {len(scene.faces):,} triangles, of which a share from 0 to 1 "
             f"may reflect; not {polygons:,} and {reflective_share}"
         )
-    # Regular subdivision as long as it fits, then single splits.
+    # Subdivide all triangles while the number permits, then split single triangles.
     while 4 * len(scene.faces) <= polygons:
         scene = shapes.refine(scene, 1)
     while (splits := (polygons - len(scene.faces)) // 2) > 0:
         a, b, c = np.moveaxis(scene.triangles, 1, 0)
         size = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         split = np.zeros(len(size), dtype=np.bool_)
-        # The largest triangles are split; a stable sort keeps the result the same everywhere.
+        # Split the largest triangles; a stable sort makes the result the same on all machines.
         split[np.argsort(-size, kind="stable")[:splits]] = True
         ends = np.cumsum([len(part.faces) for part in scene.objects])[:-1]
         objects = []
         for part, chosen in zip(scene.objects, np.split(split, ends), strict=True):
-            # The parts of a face stay neighbors in the order of drawing.
+            # Parts of a face remain neighbors in the drawing order.
             (a, b, c), numbers = part.faces[chosen].T, np.flatnonzero(chosen)
             middle, faces = len(part.vertices) + np.arange(len(numbers)), part.faces.copy()
             faces[chosen, 2] = middle
@@ -211,7 +211,7 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
 
 
 def mirrored(car: TessellatedCar) -> Scene:
-    """Return the car in the studio's paint, smooth, with mirrors where it is reflective."""
+    """Return the smooth car in the studio's paint, with mirrors for reflective triangles."""
     studio_look = studio()
     paint = studio_look.materials["paint"]
     dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))

@@ -1,7 +1,7 @@
 """`xfrustum study ways`: plates by two cameras, by slabs and by directions, up to a million hogels.
 
-Errors are measured over the same part of each plate; seconds of the whole plate follow from an even
-part of its hogels or passes. Both times are also predicted from two other plates of the scene.
+Errors are measured over the same part of each plate. Seconds of a whole plate are extrapolated from
+evenly spaced hogels or passes, and also predicted from two other plates of the scene.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ def make_study(
 
 @dataclass(frozen=True, kw_only=True)
 class Crossover:
-    """Hogels from which a scene's plates are faster by directions; None outside the plates."""
+    """Number of hogels above which directions are faster; None outside the measured plates."""
 
     scene: str
     measured: float | None
@@ -196,12 +196,12 @@ class Crossover:
 
     @property
     def ratio(self) -> float | None:
-        """Predicted over measured."""
+        """Ratio of predicted to measured number of hogels."""
         return self.predicted / self.measured if self.measured and self.predicted else None
 
 
 def crossovers(rows: Sequence[Row]) -> list[Crossover]:
-    """Return the crossovers of all scenes, of two cameras with the fastest near and directions."""
+    """Return the crossovers of all scenes: directions against two cameras at the fastest near."""
     return [
         Crossover(
             scene=scene,
@@ -224,7 +224,7 @@ def fewest_wrong(rows: Sequence[Row]) -> list[dict[PlateWay, Row]]:
 
 
 def _ratios(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float]]:
-    """Return hogels, and seconds by directions over the least seconds by two cameras."""
+    """Return numbers of hogels, and seconds by directions over least seconds by two cameras."""
     own = [row for row in rows if row.scene == scene]
 
     def least(hogels: int, way: PlateWay) -> float:
@@ -283,9 +283,9 @@ def document(rows: Sequence[Row], origin: Origin) -> str:
     return plain_text("ways.md.j2", values)
 
 
-#: size of a panel of the figure, its margin at the left, and of the figure at the top, px
+#: size of a panel of the figure, left margin of a panel, top margin of the figure, px
 _PANEL, _LEFT, _TOP = (270, 240), 64, 40
-#: color and dashes of the curve of each way; slabs lie on two cameras where a cut costs nothing
+#: color and dashes of the curve of each way; the curves of slabs and two cameras may coincide
 _CURVES = {
     PlateWay.TWO_CAMERAS: (look(0)[0], "none"),
     PlateWay.SLABS: (look(1)[0], "5 4"),
@@ -294,10 +294,10 @@ _CURVES = {
 
 
 def svg(rows: Sequence[Row]) -> str:
-    """Draw seconds of plates by their hogels, on logarithmic axes, one panel for each scene."""
+    """Draw seconds by number of hogels on logarithmic axes, one panel for each scene."""
     scenes = list(dict.fromkeys(row.scene for row in rows))
     (left, right), (low, high) = (
-        # A tenth of a decade of room on either side keeps points off the frame.
+        # A margin of a tenth of a decade keeps points off the frame.
         (math.log10(min(values)) - 0.1, math.log10(max(values)) + 0.1)
         for values in ([row.hogels for row in rows], [row.seconds for row in rows])
     )
@@ -314,7 +314,7 @@ def svg(rows: Sequence[Row]) -> str:
         curves = []
         for way in PlateWay:
             own = [row for row in rows if (row.scene, row.way) == (crossed.scene, way)]
-            # The fastest of several settings: near hardly changes the time.
+            # Draw the fastest setting: near hardly changes the time.
             fastest = {
                 hogels: min(row.seconds for row in own if row.hogels == hogels)
                 for hogels in sorted({row.hogels for row in own})
