@@ -1,4 +1,4 @@
-"""Fixtures for every test."""
+"""Fixtures for all tests."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ if TYPE_CHECKING:
     from tests.support.commands import Command
     from tests.support.worlds import World
 
-# NumPy's libraries wait busily for their threads, and Mesa's software renderer wakes its own for
-# each call: small matrices and films do not need them (`on_one_thread`). Mesa's 0 means none.
+# NumPy's libraries wait in busy loops for their threads, and Mesa's software renderer wakes its
+# threads for each call. Small matrices and films do not need threads (`on_one_thread`). For Mesa, 0
+# means none.
 THREADS = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 for name, count in THREADS.items():
     os.environ.setdefault(name, count)
 
-EXAMPLES, EXAMPLES_EVERY_TIME = 100, 25  #: of hypothesis with the slow tests, and without them
+EXAMPLES, EXAMPLES_EVERY_TIME = 100, 25  #: hypothesis's examples with and without slow tests
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Try the same examples in every run, however long one takes on a loaded machine."""
+    """Use the same examples in every run, without a deadline on a loaded machine."""
     count = EXAMPLES_EVERY_TIME if "not slow" in config.option.markexpr else EXAMPLES
     settings.register_profile("xfrustum", derandomize=True, deadline=None, max_examples=count)
     settings.load_profile("xfrustum")
@@ -39,7 +40,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Return the folder of test data beside the checkout; skip the test where it is missing."""
+    """Return the folder of test data beside the checkout; skip the test if it is missing."""
     folder = CHECKOUT.parent / "shared"
     if not folder.is_dir():
         pytest.skip("needs ../shared, the folder of test data beside the checkout")
@@ -47,41 +48,41 @@ def shared_data() -> Path:
 
 
 def _worlds() -> Any:
-    """Return the module of worlds, imported late: it loads the whole product."""
+    """Return the module of worlds; a late import, as it loads the whole product."""
     return import_module("tests.support.worlds")
 
 
 @pytest.fixture(scope="session")
 def centered() -> World:
-    """`asymmetric` at 64 x 48 pixels, 5 x 4 hogels: unlike parts on both sides of the plate."""
+    """Return `asymmetric` at 64 x 48 pixels, 5 x 4 hogels: different parts on each side."""
     made: World = _worlds().world("asymmetric")
     return made
 
 
 @pytest.fixture(scope="session")
 def recentered() -> World:
-    """`asymmetric-recentered` at 64 x 48 pixels, 5 x 4 hogels: an off-center screen."""
+    """Return `asymmetric-recentered` at 64 x 48 pixels, 5 x 4 hogels: an off-center screen."""
     made: World = _worlds().world("asymmetric-recentered")
     return made
 
 
 @pytest.fixture(scope="session")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> World:
-    """A scene file of three shapes at 32 x 24 pixels, 5 x 4 hogels, with its images as files."""
+    """Return a scene of three shapes at 32 x 24 pixels, 5 x 4 hogels, with files of its images."""
     made: World = _worlds().tiny_world(tmp_path_factory.mktemp("tiny"))
     return made
 
 
 @pytest.fixture(scope="session", params=["centered", "recentered", "tiny"])
 def world(request: pytest.FixtureRequest) -> World:
-    """Each of the three worlds in turn."""
+    """Return each of the three worlds in turn."""
     made: World = request.getfixturevalue(request.param)
     return made
 
 
 @pytest.fixture
 def command(capsys: pytest.CaptureFixture[str]) -> Command:
-    """Run a command line in this process: `command("scenes --json").record`."""
+    """Return a function that runs a command line: `command("scenes --json").record`."""
     made: Command = import_module("tests.support.commands").command_of(capsys)
     return made
 
@@ -107,16 +108,16 @@ def records_follow_their_schemas() -> Iterator[None]:
 
 @cache
 def on_one_thread(drjit: ModuleType) -> None:
-    """Let Dr.Jit's kernels run on one thread.
+    """Run Dr.Jit's kernels on one thread.
 
-    Its threads wait busily for some 20 ms after each kernel. The kernels of small films take less
-    than one millisecond, so that several threads would take up to four times the processors' time,
-    and save none.
+    Dr.Jit's threads spin for about 20 ms after each kernel, but kernels of small films take less
+    than one millisecond. Several threads would cost up to four times the CPU time, without being
+    faster.
     """
     drjit.set_thread_count(1)
 
 
 def pytest_runtest_setup() -> None:
-    """Bound the threads as soon as some test has loaded Dr.Jit: most never do."""
+    """Limit threads as soon as a test has loaded Dr.Jit: most test runs never load it."""
     if "drjit" in sys.modules:
         on_one_thread(sys.modules["drjit"])

@@ -1,6 +1,6 @@
-"""`make test-device`: checks that depend on the graphics device, reported on one page to send.
+"""`make test-device`: device-dependent checks, with a one-page report that users can send.
 
-It uses no network, ends within eight minutes, and lists everything skipped, with the reason.
+It uses no network, ends within eight minutes, and lists all skipped work with reasons.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import Any
 CHECKOUT = Path(__file__).resolve().parents[1]
 RECORDED = "../shared/data/devices/h100-frames.npz"
 REPORT = "build/device-report.md"
-LIMIT_S = 470.0  #: total: later work is skipped, and running work is ended
-MOST_LISTED = 30  #: lines of failed and skipped tests of a group
+LIMIT_S = 470.0  #: total time: at the limit, running work ends and later work is skipped
+MOST_LISTED = 30  #: largest number of listed failed and skipped tests in a group
 
 TESTS = {
     "devices and history": "tests/cli/test_device_command.py tests/raster/test_history.py",
@@ -30,7 +30,7 @@ TESTS = {
     "shares of wrong depth": "tests/compare/prediction/test_depth.py",
 }
 CUDA_TESTS = {"truth on CUDA": "tests/reference"}
-"""Groups of tests by their names, the most important first."""
+"""Groups of tests by name, most important first."""
 
 TRUTH = """
 import hashlib, json
@@ -40,7 +40,7 @@ names = "triangle object certainty position normal color".split()
 digest = lambda array: hashlib.sha256(array.tobytes()).hexdigest()[:16]
 print(json.dumps({name: digest(getattr(image, name)) for name in names}))
 """
-"""Prints a digest of each channel of the car's truth, by the arrays of the environment."""
+"""Prints a digest of each channel of the car's truth; environment variables select the device."""
 
 
 @dataclass
@@ -51,10 +51,10 @@ class Session:
     begun: float = field(default_factory=time.monotonic)
     lines: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
-    failed: bool = False  #: whether a test failed, or a pixel stayed unexplained
+    failed: bool = False  #: whether a test failed or a pixel stayed unexplained
 
     def run(self, name: str, *words: str, **environment: str) -> tuple[int, str]:
-        """Run this Python; return exit status and output, status -1 with a skipped line."""
+        """Run Python; return exit status and output; if skipped, status -1 and a line about it."""
         left_s = self.limit_s - (time.monotonic() - self.begun)
         sys.stdout.write(f"{self.limit_s - left_s:5.0f} s  {name}\n")
         sys.stdout.flush()
@@ -84,12 +84,12 @@ class Session:
         return json.loads(text) if text else None
 
     def section(self, title: str, lines: Iterable[str]) -> None:
-        """Add a part of the report."""
+        """Add a section to the report."""
         self.lines += [f"\n## {title}\n", *lines]
 
 
 def device(session: Session, out: Path) -> bool:
-    """Add how the device draws; return whether it is a card."""
+    """Report how the device draws; return whether it is a card."""
     listed = session.json("device --list") or {"devices": [], "overlooked": None}
     rows = [
         f"- EGL {d['index']}: {d['renderer'] or 'none'}, {d['version']}" for d in listed["devices"]
@@ -104,7 +104,7 @@ def device(session: Session, out: Path) -> bool:
 
 
 def pictures(session: Session) -> None:
-    """Add how many pixels of recorded and of new frames stay unexplained."""
+    """Report the number of unexplained pixels in recorded frames and in new frames."""
     counts = {}
     if (CHECKOUT / RECORDED).exists():
         if answer := session.json(f"device --replay {RECORDED}"):
@@ -120,7 +120,7 @@ def pictures(session: Session) -> None:
 
 
 def tests(session: Session, *, card: bool) -> None:
-    """Add how many tests pass, and which fail or are skipped, with the reasons."""
+    """Report the number of tests that pass, and list failed and skipped tests with reasons."""
     lines = []
     for name, words in (TESTS | (CUDA_TESTS if card else {})).items():
         environment = {"XFRUSTUM_DEVICE": "cuda"} if name in CUDA_TESTS else {}
@@ -135,7 +135,7 @@ def tests(session: Session, *, card: bool) -> None:
 
 
 def truth(session: Session) -> None:
-    """Add whether the truth has the same bits on the card and on the processors."""
+    """Report whether the truth has the same bits on the card and on the CPU."""
     cuda, llvm = (
         session.run(f"truth on {arrays}", "-c", TRUTH, XFRUSTUM_DEVICE=arrays)[1]
         for arrays in ("cuda", "llvm")
@@ -148,7 +148,7 @@ def truth(session: Session) -> None:
 
 
 def speeds(session: Session) -> None:
-    """Add a few speeds."""
+    """Report a few speeds."""
     lines = []
     if answer := session.json("bench plate car --resolution 256 --repeat 1"):
         lines.append(f"- hogels a second, car at 256 x 256: {medians(answer['hogels_per_second'])}")
@@ -159,12 +159,12 @@ def speeds(session: Session) -> None:
 
 
 def medians(rates: dict[str, dict[str, float]]) -> str:
-    """Return the medians of the contestants of a race."""
+    """Return the median rate of each contestant."""
     return ", ".join(f"{name} {rate['median']:.3g}" for name, rate in rates.items())
 
 
 def main() -> int:
-    """Write the report and print it; exit status 1 if a test failed or a pixel is unexplained."""
+    """Write and print the report; exit status 1 if a test failed or a pixel is unexplained."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=CHECKOUT / "build" / "device")
     parser.add_argument("--limit-s", type=float, default=LIMIT_S, help="seconds, for slow machines")

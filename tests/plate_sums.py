@@ -1,7 +1,7 @@
-"""Wrong surfaces of whole plates, predicted and measured, summed by link.
+"""Predicted and measured wrong surfaces of whole plates, summed by link.
 
-`python -m tests.plate_sums [SCENE ...]` prints a table for scenes of `MESHES`, or others; with
-`--hogels 11x9 --pixels 160 --nears 1e-2,1e-3` for other plates.
+`python -m tests.plate_sums [SCENE ...]` prints a table for the scenes, by default `MESHES`. Options
+such as `--hogels 11x9 --pixels 160 --nears 1e-2,1e-3` select other plates.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from xfrustum.scenes import Scene, open_scene
 MESHES = ("car", "asymmetric", "beetle", "bunny-transfer", "teapot-recentered")
 NUMERICS = SHARED / "data" / "inputs" / "numerics"
 
-NEARS = (1e-2, 1e-3, 1e-4)  #: as shares of the reach
-MAX_RATIO = 1.5  #: by which a sum may be off without a reason
+NEARS = (1e-2, 1e-3, 1e-4)  #: near offsets relative to the reach
+MAX_RATIO = 1.5  #: largest ratio of sums without a reason
 
 
 def plate(name: str, hogels: tuple[int, int], pixels: int) -> Scene:
@@ -38,7 +38,7 @@ def plate(name: str, hogels: tuple[int, int], pixels: int) -> Scene:
 
 
 def plate_sums(scene: Scene, nears: Sequence[float] = NEARS) -> tuple[LinkSum, ...]:
-    """Return the sums over all hogels of a plate, with reversed float depth and several nears."""
+    """Return the sums over a plate's hogels, with reversed float depth and several near offsets."""
     reference = Reference(scene)
     columns, rows = scene.plate.hogels
 

@@ -1,4 +1,4 @@
-"""Rules that neither ruff nor import-linter checks: sizes, ways to exit, forbidden names."""
+"""Rules beyond ruff and import-linter: sizes, calls that end the process, forbidden names."""
 
 from __future__ import annotations
 
@@ -72,13 +72,13 @@ def test_the_lock_file_names_no_registry_and_hashes_everything() -> None:
 
 @cache
 def literals(path: Path) -> list[str]:
-    """Return the texts of a module but docstrings and messages of errors."""
+    """Return the strings of a module, except for docstrings and error messages."""
     excluded: set[int] = set()
     tree = ast.parse(path.read_text())
     for node in ast.walk(tree):
         if isinstance(node, ast.Raise | ast.Assert):
             excluded.update(map(id, ast.walk(node)))
-        # A text that stands alone documents the name above it.
+        # A string as a statement documents the name above it.
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             excluded.add(id(node.value))
     constants = (node for node in ast.walk(tree) if isinstance(node, ast.Constant))
@@ -103,7 +103,7 @@ def test_stages_before_reports_make_no_html() -> None:
 
 
 def test_stages_before_reports_build_no_sentences() -> None:
-    """Words are made of records in `reports`; only messages of errors are made before."""
+    """`reports` composes sentences from records; earlier stages compose only error messages."""
     sentence = re.compile(r"\w+ \w+ \w+ \w+ \w+")
     violations = [
         f"{name(path)}: {text!r}"

@@ -1,4 +1,4 @@
-"""Faults that fuzzing once found stay mended: every input of the corpus ends as it must."""
+"""Former findings of fuzzing do not recur: every input of the corpus ends correctly."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.fuzz.mutations import mutated, mutated_arguments
 
 @pytest.fixture(scope="module")
 def replayed() -> dict[str, list[str]]:
-    """Return the findings of each input, from another process: threads here forbid forks."""
+    """Return the findings of each input, from a separate process: threads here forbid forks."""
     checkout = Path(__file__).resolve().parents[1]
     line = [sys.executable, "-m", "tests.fuzz", "--replay"]
     done = subprocess.run(line, cwd=checkout, capture_output=True, check=True)

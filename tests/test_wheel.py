@@ -1,4 +1,4 @@
-"""An installation holds every file once and runs where the checkout cannot be seen."""
+"""An installation has every file once, and runs without access to the checkout."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 
 
 def packaged_files() -> list[str]:
-    """Every file under the import name, through the links to the folders at the top."""
+    """Return every file below the import name, with the linked folders at the top."""
     source = CHECKOUT / "src"
     return sorted(
         (Path(folder) / file).relative_to(source).as_posix()
@@ -28,7 +28,7 @@ def packaged_files() -> list[str]:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel of a release, built from the source distribution."""
+    """Return the path of a release's wheel, built from the source distribution."""
     place = tmp_path_factory.mktemp("release")
     build: list[str | Path]
     build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", place, CHECKOUT]
@@ -46,10 +46,10 @@ def test_the_wheel_of_the_source_distribution_holds_every_file_once(wheel: Path)
 
 @pytest.mark.slow
 def test_the_installed_command_lists_the_scenes(wheel: Path, tmp_path: Path) -> None:
-    """In a fresh environment that sees the dependencies of this one, outside the checkout.
+    """Use a new environment outside the checkout, with the dependencies of this environment.
 
-    A path file adds the folders of the dependencies to the search path only: the path files *in*
-    them are not read, so the editable install there stays out of sight.
+    A path file adds the dependencies' folders to the search path. Path files inside these folders
+    are not read, so that the editable installation there has no effect.
     """
     venv.create(tmp_path / "environment", symlinks=True)
     programs = tmp_path / "environment" / "bin"

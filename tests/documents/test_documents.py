@@ -1,4 +1,4 @@
-"""Documents: working links, documented names, running examples. `make docs` builds the site."""
+"""Documents: working links, valid names, running examples. `make docs` builds the site."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ INDEX = (CHECKOUT / "docs" / "api" / "index.rst").read_text(encoding="utf-8")
 PACKAGES = ("scenes", "reference", "raster", "compare")
 
 MADE_BY_THE_BUILD = ("docs/gallery/index.rst",)
-"""Targets of links that `make docs` makes."""
+"""Targets of links that `make docs` creates."""
 
 
 def public_names() -> list[str]:
-    """Return every public name once: names of `xfrustum`, and further exports of its packages."""
+    """Return every public name once: names of `xfrustum` and further exports of its packages."""
     named = list(xfrustum.__all__)
     for package in PACKAGES:
         exported = importlib.import_module(f"xfrustum.{package}").__all__
@@ -44,7 +44,7 @@ def thing(name: str) -> Any:
 
 
 def links(page: Path) -> list[str]:
-    """Return the targets of links and pictures of a page on this site."""
+    """Return the targets of a page's links and pictures on this site."""
     targets = []
     for token in MarkdownIt().parse(page.read_text(encoding="utf-8")):
         for child in token.children or ():
@@ -67,7 +67,7 @@ def test_links_of_a_page_lead_to_files(page: Path) -> None:
 
 
 def test_files_that_documents_name_exist() -> None:
-    """The history aside: decisions and releases keep statements about the code of their time."""
+    """Decisions and releases are excluded: their statements refer to the code of their time."""
     folders = "scenes|reference|raster|compare|reports|research|src|scripts|docs"
     named = re.compile(rf"(?<![\w/.-])(?:{folders})/[\w./-]*\w")
     missing = [
@@ -92,7 +92,7 @@ def test_a_public_name_is_described(name: str) -> None:
     value = thing(name)
     if inspect.isclass(value) or inspect.isfunction(value):
         assert inspect.getdoc(value)
-    else:  # a constant, whose description follows it in the module
+    else:  # a constant, described below its value in the module
         assert isinstance(value, str | int | tuple)
 
 
@@ -139,7 +139,7 @@ def test_one_version_is_stated_everywhere() -> None:
 
 
 def test_the_dockerfile_takes_the_steps_of_readme() -> None:
-    """No test builds the image; steps and places of files agree with the Makefile."""
+    """No test builds the image; the test compares its steps and paths with the Makefile."""
     lines = [
         line
         for line in (CHECKOUT / "Dockerfile").read_text().splitlines()
@@ -149,7 +149,7 @@ def test_the_dockerfile_takes_the_steps_of_readme() -> None:
     *_, sources, copied, made, path, data, entry, _ = lines
     assert (copied, made) == ("COPY . .", "RUN make setup")
     assert "\nsetup: $(READY)" in makefile and "    make setup " in readme
-    # The command is where the Makefile puts it.
+    # The command has the path from the Makefile.
     folder = sources.removeprefix("WORKDIR ")
     assert (
         path == f"ENV PATH={folder}/.venv/bin:$PATH"

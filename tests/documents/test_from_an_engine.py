@@ -1,4 +1,4 @@
-"""The page about engines that cannot be changed: its blocks run, its matrices are right."""
+"""The page about engines with fixed code: its blocks run, and its matrices are right."""
 
 import json
 import re
@@ -27,7 +27,7 @@ def passes(folder: Path, mapping: str) -> list[dict[str, Any]]:
 
 
 def depths(matrix: np.ndarray, one_pass: dict[str, Any], distances: np.ndarray) -> np.ndarray:
-    """Return z/w at some distances from a camera along its axis."""
+    """Return z/w at distances from a camera along its axis."""
     toward = 1.0 if one_pass["looks_to"] == "+z" else -1.0
     points = np.tile((*one_pass["position"], 1.0), (len(distances), 1))
     points[:, 2] += toward * distances
@@ -56,7 +56,7 @@ def test_clip_ranges_are_those_of_the_table_and_a_fixed_test_gets_turned_depths(
         after = depths(matrix, one_pass, distances)
         turned = ends[::-1] if one_pass["wins"] == "farthest" else ends
         np.testing.assert_allclose(after[[0, -1]], turned, atol=1e-12)
-        # The test `<` keeps the smallest depth: the farthest of C*, the nearest of C.
+        # The test `<` keeps the smallest depth: the farthest surface for C*, the nearest for C.
         assert (
             (np.diff(after) < 0).all()
             if one_pass["wins"] == "farthest"

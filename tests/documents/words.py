@@ -1,4 +1,4 @@
-"""Check of the words of source files: `python -m tests.documents.words [PATH ..]`.
+"""Check the words of source files: `python -m tests.documents.words [PATH ..]`.
 
 Without a path, the rooms of `CLEAN` are checked, as in `make test`. Prints one line for each
 violation and exits with status 1 if there is any.
@@ -29,9 +29,9 @@ CLEAN: tuple[str, ...] = (
     "tests",
 )
 
-#: First words of no sentence.
+#: Words that begin no sentence
 BEGINNING = re.compile(r"(?:What|That|Those|Who|Whoever|Whether|Of)\b")
-#: Phrases of no docstring and no comment; `(?# ..)` holds the advice.
+#: Phrases forbidden in docstrings and comments, each with advice
 PHRASES = [
     (re.compile(pattern, re.IGNORECASE), advice)
     for pattern, advice in (
@@ -47,7 +47,7 @@ PHRASES = [
         (r"\bso many\b|\bas it is\b|\bas they are\b", "name the number or state"),
     )
 ]  # fmt: skip
-#: Names of no variable, parameter, function or attribute.
+#: Forbidden names of variables, parameters, functions and attributes
 NAMES = frozenset(
     ("found", "asked", "told", "said", "wanted", "beside", "given", "one", "hopeless", "companions")
 )
@@ -79,7 +79,7 @@ def problems(text: str) -> Iterator[str]:
 
 
 def docstrings_and_names(tree: ast.Module) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
-    """Return docstrings, the strings below attributes included, and stored names, with lines."""
+    """Return docstrings, strings below attributes, and assigned names, with their lines."""
     texts, names = [], []
     for node in ast.walk(tree):
         match node:
@@ -96,7 +96,7 @@ def comments(source: str) -> Iterator[tuple[int, str]]:
     """Yield line and text of each comment; comments on consecutive lines are joined."""
     start, last, text = 0, -1, ""
     for row, line in enumerate(source.splitlines(), 1):
-        # Two blanks set a comment apart from code, and hardly ever occur before # in a string.
+        # Two blanks separate a comment from code, and hardly ever precede # in a string.
         place = 0 if line.lstrip().startswith("#") else line.rfind("  # ") + line.rfind("  #:") + 1
         words = line[place:].lstrip("#: ")
         if place < 0 or not words or re.match(r"(?:noqa|fmt:|type:|!)", words):

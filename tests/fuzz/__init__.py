@@ -1,4 +1,4 @@
-"""A fuzzer: damaged inputs of every kind that is read, each in a process of its own.
+"""A fuzzer: damaged inputs of every kind, each read in a separate process.
 
 inputs     Valid files and command lines, from which mutation starts
 mutations  Seeded damage to bytes, to numbers and names in text, and to structure

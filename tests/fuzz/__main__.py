@@ -1,4 +1,4 @@
-"""`make fuzz`: many mutated inputs of each kind, and how each of them ended.
+"""`make fuzz`: run many mutated inputs of each kind, and count the exit statuses.
 
 Run as `python -m tests.fuzz [--kind KIND] [--count N] [--seed S] [--jobs J] [--keep DIR]
 [--replay]`.
@@ -34,11 +34,11 @@ PREPARED = (
     *("xfrustum.reports.conformance.statement", "xfrustum.reports.device"),
     "xfrustum.reports.verification.verification",
 )
-"""Modules that children use, among them those that other libraries import late."""
+"""Modules that child processes use, including modules that other libraries import late."""
 
 
 def attacked(seed: Seed, number: int) -> tuple[tuple[str, ...], dict[str, bytes], bytes]:
-    """Return the command, files and mutated names of one input; equal numbers give equal inputs."""
+    """Return the command, files and mutated names of an input; equal numbers give equal inputs."""
     chance = random.Random(f"{seed.name} {number}")
     files = dict(seed.files)
     if not seed.mutated:
@@ -68,12 +68,12 @@ def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[
 
 
 def entries() -> list[Path]:
-    """Return the corpus; a name is made of seed, finding and hash, with dots between."""
+    """Return the paths of the corpus; a file name is seed, finding and hash, separated by dots."""
     return sorted(path for path in CORPUS.iterdir() if path.name.count(".") == 2)
 
 
 def replayed() -> dict[str, list[str]]:
-    """Return the findings of every input of the corpus."""
+    """Return the findings of every input in the corpus."""
     names = {path.name.split(".")[0] for path in entries()}
     kinds = [kind for kind in KINDS if any(name.startswith(kind) for name in names)]
     seeds = {seed.name: seed for kind in kinds for seed in KINDS[kind]()}
@@ -92,7 +92,7 @@ def replayed() -> dict[str, list[str]]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Fuzz, print the table, and return 1 where anything was found."""
+    """Fuzz, print the table, and return 1 if there are any findings."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--kind", choices=sorted(KINDS), action="append", help="default: all")
     parser.add_argument("--count", type=int, default=10_000, help="inputs of each kind")
@@ -137,7 +137,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _is_valid(seed: Seed) -> bool:
-    """Return whether a seed itself is read; damage to one that is not would find nothing."""
+    """Return whether a seed is valid; damage to an invalid seed reveals nothing."""
     files = with_payload(seed, seed.files[seed.mutated]) if seed.mutated else dict(seed.files)
     outcome = outcome_of(seed.command, files)
     if outcome.status not in (0, 1):
@@ -148,14 +148,14 @@ def _is_valid(seed: Seed) -> bool:
 
 
 def import_everything() -> None:
-    """Import all modules once in the parent: a fork costs a hundredth of the imports.
+    """Import all modules once in the parent: a fork takes a hundredth of the time.
 
-    Nothing is computed here: threads of Dr.Jit and OpenMP do not outlive a fork.
+    The parent computes nothing: threads of Dr.Jit and OpenMP do not survive a fork.
     """
     os.environ[THREADS_VARIABLE] = "1"
     for name in PREPARED:
         importlib.import_module(name)
-    # Without this, every child would look for the entry points again.
+    # Without this cache, every child would search for the entry points again.
     Image.init()
 
 

@@ -1,6 +1,6 @@
-"""One input in a process of its own: forked from one that has everything imported, and watched.
+"""One input in a separate process, forked after all imports, with limits and checks.
 
-The child runs the users' program, `xfrustum.__main__.run`, on a command line of its own: standard
+The child runs the users' program, `xfrustum.__main__.run`, with the input's command line. Standard
 streams are captured, output of libraries is discarded, and the exit status is the program's.
 """
 
@@ -16,34 +16,32 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HANG_S = 120.0
-"""Seconds after which a command that reads one small input counts as hanging: some take six seconds
-of CPU time, and many run side by side.
+"""Seconds after which a command for one small input counts as hanging. Some commands take six
+seconds of CPU time, and many run side by side.
 """
 
-WRITTEN_BYTES = 1 << 26  # bytes of the largest file that an input may make a command write
+WRITTEN_BYTES = 1 << 26  # bytes of the largest file that a command may write for an input
 FORKED, CRASHED = 99, 98
-"""Exit statuses that no command has: the child could not run its command, or the command raised."""
+"""Exit statuses that no command has: the child failed to run its command, or it raised."""
 
 
-STATUSES = frozenset({0, 1, 2})  # exit statuses of a command without a signal
-MEMORY_BYTES = 2 << 30  # memory that no small input may take
+STATUSES = frozenset({0, 1, 2})  # exit statuses of a command that no signal ends
+MEMORY_BYTES = 2 << 30  # memory limit for small inputs
 PREFIX = b"xfrustum: "  # beginning of every line that a command writes to standard error
 
 
-BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")  # A progress bar, which is not a message
+BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")  # a progress bar, which is not a message
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
     """The outcome of one command."""
 
-    status: int  #: Exit status; minus the signal's number where one ended it
+    status: int  #: exit status, or minus the number of the signal that ended the command
     errors: bytes  #: Text on standard error
     peak_bytes: int  #: Largest memory of the process, bytes
     hung: bool  #: ended after `HANG_S`
-    left: frozenset[
-        str
-    ]  #: Names of files and folders that the command added to its folder, at the top
+    left: frozenset[str]  #: names of new files and folders at the top of the command's folder
 
 
 def outcome_of(command: tuple[str, ...], files: Mapping[str, bytes]) -> Outcome:
@@ -105,7 +103,7 @@ def _become(command: tuple[str, ...], folder: Path, logs: Path) -> None:
 
 
 def _waited(process: int, until: float) -> tuple[int, resource.struct_rusage, bool]:
-    """Return exit status, use of resources, and whether the process had to be ended."""
+    """Return exit status, resource usage, and whether the process was killed."""
     hung, pause = False, 0.001
     while True:
         done, status, usage = os.wait4(process, os.WNOHANG)
@@ -121,8 +119,8 @@ def _waited(process: int, until: float) -> tuple[int, resource.struct_rusage, bo
 def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Iterator[str]:
     """Yield the defects of an outcome, one word each.
 
-    `outputs` are the files that the command may leave if it ends with 0 or 1, by name where
-    the command line is the seed's own (`named`).
+    `outputs` are the files that the command may leave if it ends with 0 or 1. They are compared by
+    name if the command line is unchanged (`named`).
     """
     if outcome.hung:
         yield "hang"

@@ -1,7 +1,7 @@
-"""Commands of the fuzzer alone: each reads the input of a command, without the slow verdict.
+"""Commands for fuzzing: each reads the input of a command, without its slow verdict.
 
-They run inside the program like every other command, with its standard streams, messages and exit
-statuses. The child adds them to the command line.
+They run like all commands of the program, with equal streams, messages and exit statuses. The child
+process adds them to the command line.
 """
 
 import json
@@ -43,7 +43,7 @@ def read_picture(scene: str, picture: Path) -> None:
 @click.command("read-parts")
 @click.argument("out", type=click.Path(path_type=Path))
 def read_parts(out: Path) -> None:
-    """Read the parts of a survey that are whole, as a survey that goes on does."""
+    """Read the complete parts of a survey, as the command does to resume it."""
     from xfrustum.reports.parts import DESCRIPTION, ParquetParts
     from xfrustum.scenes.disk.input_files import read_small
 

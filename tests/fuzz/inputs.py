@@ -1,7 +1,7 @@
-"""Seeds of mutation: valid files of every kind that is read, and the commands that read them.
+"""Seeds of mutation: valid input files of every kind, and commands that read them.
 
-Most inputs are only read, by the commands of `entries`, because a verdict takes a hundred times as
-long; each `share`-th runs the whole command.
+Most inputs are only read, by commands of `entries`, because a verdict takes a hundred times as
+long. `share` sets the relative number of inputs of a seed.
 """
 
 import io
@@ -29,7 +29,7 @@ from xfrustum.scenes.model.device_model import H100, SOFTPIPE
 SCENE = named("small", "mm") + film((10.0, 8.0), (3, 2), (16, 12), (60.0, 50.0), (20.0, 20.0))
 
 NAMES_FILE = "names.json"
-"""Name of the file that lists the pictures of a folder `in`; it is written as these pictures."""
+"""File that lists the pictures of a folder `in`; the list is written as these pictures."""
 
 SHEARED = SCENE.replace(
     "fov_deg = [60.0, 50.0]",
@@ -71,14 +71,14 @@ samples = 4
 class Seed:
     """A valid input: files, the file to mutate, and the command that reads them."""
 
-    name: str  #: unique among all seeds; names of findings begin with it
+    name: str  #: unique name of the seed; names of findings begin with it
     files: Mapping[str, bytes]  #: content by name, relative to the folder that the command runs in
-    mutated: str  #: name of the file that is mutated; empty if the command line itself is
+    mutated: str  #: name of the mutated file; empty if the command line is mutated
     line: str  #: arguments of `xfrustum`, quoted as for a shell
-    left: str = ""  #: outputs that may be left at exit status 0 or 1, between spaces
-    share: int = 1  #: number of inputs, relative to a seed of share 1
+    left: str = ""  #: outputs that may remain at exit status 0 or 1, separated by spaces
+    share: int = 1  #: number of inputs relative to a seed of share 1
     how: str = "mutated"  #: name of the function of `mutations` that damages the file
-    #: Pattern of the files that the mutated file, a JSON list, names, and the content of each
+    #: path pattern of the files that the mutated JSON list names, and content of each file
     listed: tuple[str, bytes] | None = None
 
     @property
@@ -88,12 +88,12 @@ class Seed:
 
     @property
     def outputs(self) -> frozenset[str]:
-        """Files and folders that the command may leave when it ends with 0 or 1."""
+        """Files and folders that the command may leave if it ends with 0 or 1."""
         return frozenset(self.left.split())
 
 
 def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
-    """Return the files of a seed whose mutated file has some content."""
+    """Return the files of a seed, with another content of the mutated file."""
     if seed.listed is None:
         return packed({**seed.files, seed.mutated: payload})
     pattern, content = seed.listed
@@ -102,9 +102,9 @@ def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
 
 
 def packed(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return files of which folders called .npz or .zip are archives.
+    """Return files, with folders named .npz or .zip packed into archives.
 
-    Damage to a member leaves the archive around it whole, with checksums that are right.
+    A damaged member thus lies in a valid archive with correct checksums.
     """
     result = dict(files)
     parents = {parent for name in files for parent in PurePosixPath(name).parents}
@@ -120,7 +120,7 @@ def packed(files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def _also(seeds: list[Seed], word: str, line: str, left: str = "", share: int = 1) -> list[Seed]:
-    """Return seeds once more, with another command and `share` times as many inputs."""
+    """Return copies of seeds with another command and `share` times as many inputs."""
     return [
         replace(seed, name=f"{seed.name}-{word}", line=line, left=left, share=share)
         for seed in seeds
@@ -128,13 +128,13 @@ def _also(seeds: list[Seed], word: str, line: str, left: str = "", share: int = 
 
 
 def _of_scene(seeds: list[Seed]) -> list[Seed]:
-    """Return seeds whose scene is traced, mostly only read, and checked."""
+    """Return seeds of scenes that are traced, checked, but mostly only read."""
     read = _also(seeds, "read", "read-scene scene.toml", share=8)
     return [*seeds, *read, *_also(seeds, "check", "check scene.toml")]
 
 
 def _of_mesh(name: str, data: bytes, title: str = "", **more: bytes) -> Seed:
-    """Return the seed of one mesh file; `more` are referenced files, with `_` for the dot."""
+    """Return the seed of a mesh file; `more` are referenced files, with `_` for the dot."""
     scene = SCENE + f'\n[[object]]\nmesh = "{name}"\nscale = 4.0\ntranslate = [0.0, 0.0, -3.0]\n'
     files = {"scene.toml": scene.encode(), name: data}
     files |= {k.replace("_", "."): v for k, v in more.items()}
@@ -148,7 +148,7 @@ _SHAPE_SCENE = (SCENE + SHAPE).encode()
 
 
 def scenes() -> list[Seed]:
-    """Return scene files with every table."""
+    """Return scene files that contain every table."""
     texts = {"shape": SCENE + SHAPE, "lit": SCENE + LIT, "sheared": SHEARED + SHAPE + SHAPE}
     sky = _map("map.exr")
     seeds = []
@@ -180,7 +180,7 @@ LIBRARY = b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n"
 
 
 def meshes() -> list[Seed]:
-    """Return a mesh of every format that is read."""
+    """Return a mesh of every supported format."""
     box = trimesh.creation.box()
     box.visual.vertex_colors = np.arange(32, dtype=np.uint8).reshape(8, 4)
     gltf = trimesh.exchange.gltf.export_gltf(trimesh.Scene(box), embed_buffers=True)
@@ -238,7 +238,7 @@ def patches() -> list[Seed]:
 
 
 def images() -> list[Seed]:
-    """Return hogel images as OpenEXR, as our own truth and as a raster."""
+    """Return hogel images as OpenEXR: a truth and a raster."""
     packed = {"truth.exr": _hogel("trace"), "raster.exr": _hogel("raster --near 0.1")}
     plain = {name: _unpacked(data) for name, data in packed.items()}
     line = "compare truth.exr raster.exr --json"
@@ -260,7 +260,7 @@ def environments() -> list[Seed]:
 
 
 def pictures() -> list[Seed]:
-    """Return the pictures of a foreign renderer, one of which is mutated."""
+    """Return pictures of a foreign renderer; one of them is mutated."""
     line = "verify scene.toml {{i}}x{{j}}.{suffix} --apertures 1,1 --encoding triangle-id"
     line += " --junit out.xml --json --quiet"
     seeds = []
@@ -274,7 +274,7 @@ def pictures() -> list[Seed]:
 
 
 def attributes() -> list[Seed]:
-    """Return hogel images whose attributes are damaged one by one."""
+    """Return hogel images; each has one damaged attribute."""
     files = {"scene.toml": _SHAPE_SCENE}
     files |= {"truth.exr": _hogel("trace"), "1x1.exr": _hogel("raster --near 0.1")}
     read = "read-picture scene.toml 1x1.exr"
@@ -294,7 +294,7 @@ _NAMES = {
 
 
 def names() -> list[Seed]:
-    """Return folders of pictures in several layouts, whose names are damaged."""
+    """Return folders of pictures in several layouts; their file names are mutated."""
     line, listed = f"convert in out {_CONVERT}", ("in/{}", _picture((4, 4)))
     return [
         Seed(
@@ -311,7 +311,7 @@ def names() -> list[Seed]:
 
 
 def parts() -> list[Seed]:
-    """Return the parts of a survey, of which one, or the description, is mutated."""
+    """Return parts of a survey; one part, or the description, is mutated."""
     line = "survey scene.toml --near 0.1 --all --workers 1 --out s --quiet"
     files = _made(line, {"scene.toml": _SHAPE_SCENE})
     inside = sorted(name for name in files if name.startswith("s/survey.parquet/"))[:3]
@@ -319,7 +319,7 @@ def parts() -> list[Seed]:
 
 
 def devices() -> list[Seed]:
-    """Return files of devices, with every key."""
+    """Return device files with every key."""
     line = "budget scene.toml --near 0.1 --json --device device.json"
     seeds = []
     for name, model in {"card": H100, "software": SOFTPIPE}.items():
@@ -330,7 +330,7 @@ def devices() -> list[Seed]:
 
 
 def recordings() -> list[Seed]:
-    """Return a recording of one frame: as a whole, and member by member."""
+    """Return a recording of one frame, mutated as a whole or in one member."""
     numbers = np.zeros((12, 16), dtype=np.int32)
     numbers[:, :8] = -1
     device = {"vendor": "Mesa", "renderer": "llvmpipe", "version": "4.5", "subpixel_bits": "8"}
@@ -347,7 +347,7 @@ def recordings() -> list[Seed]:
 
 
 def archives() -> list[Seed]:
-    """Return an archive of two conformance cases: as a whole, and member by member."""
+    """Return an archive of two conformance cases, mutated as a whole or in one member."""
     cases = "L0-behind", "L0-colors"
     (content,) = _made(f"conformance export --case {','.join(cases)} --out a --quiet", {}).values()
     images = {
@@ -375,7 +375,7 @@ def archives() -> list[Seed]:
 
 
 def _members(name: str, content: bytes) -> dict[str, bytes]:
-    """Return the members of an archive, by names below its own."""
+    """Return the members of an archive; their names begin with the archive's name."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         return {f"{name}/{member}": archive.read(member) for member in archive.namelist()}
 
@@ -388,7 +388,7 @@ verify scene.toml --command 'true {i}{j}{x:f}{out}' --encoding triangle-id --ape
 
 
 def patterns() -> list[Seed]:
-    """Return command lines with patterns of names of files and commands."""
+    """Return command lines with patterns of file names, and with renderer commands."""
     files = {f"{i}x{j}.png": _picture((16, 12)) for i in range(3) for j in range(2)}
     files["scene.toml"] = _SHAPE_SCENE
     lines = enumerate(PATTERN_LINES.splitlines())
@@ -396,7 +396,7 @@ def patterns() -> list[Seed]:
 
 
 def stores() -> list[Seed]:
-    """Return a plate of six hogels as a Zarr store, of which metadata or a chunk is mutated."""
+    """Return a plate of six hogels as a Zarr store; its metadata or a chunk is mutated."""
     files = {"scene.toml": _SHAPE_SCENE}
     files |= _made(f"{_PLATE} --apertures *,*", files)
     inside = [name for name in files if name.startswith("p.zarr")]
@@ -451,7 +451,7 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
 
 
 def _threemf() -> bytes:
-    """Return a 3MF file of two objects, one of them placed by a component."""
+    """Return a 3MF file of two objects; a component places one of them."""
     square = mesh_xml([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
     turned = '<component objectid="1" transform="0 1 0 -1 0 0 0 0 1 1 2 3"/>'
     objects = (
@@ -480,13 +480,13 @@ def _map(name: str) -> bytes:
 
 @cache
 def _hogel(line: str) -> bytes:
-    """Return the image of the middle hogel by a command."""
+    """Return a command's image of the middle hogel."""
     line = f"{line} scene.toml --aperture 1,1 --out out.exr"
     return _made(line, {"scene.toml": _SHAPE_SCENE})["out.exr"]
 
 
 def _made(line: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files that a command makes, run in its own process: OpenGL forbids forks."""
+    """Return the files that a command writes in a separate process: OpenGL forbids forks."""
     with tempfile.TemporaryDirectory() as name:
         folder, program = Path(name), [sys.executable, "-m", "xfrustum", *line.split()]
         for file, data in files.items():

@@ -1,8 +1,8 @@
-"""`make kill`: signals at random moments of commands: their end, their files, their resumption.
+"""`make kill`: send signals to commands at random moments; check their end, files and resumption.
 
-Run as `python -m tests.fuzz.kill [--count N] [--jobs J] [--command NAME]`. Moments are spread over
-the whole life of the process. Moments before the program's first line, while Python starts, are
-counted apart: there no program can answer a signal yet.
+Run as `python -m tests.fuzz.kill [--count N] [--jobs J] [--command NAME]`. Moments cover the whole
+life of the process. Moments before the program's first line, while Python starts, are counted
+separately: the program cannot handle signals yet.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from tests.fuzz.inputs import SCENE, SHAPE
 from tests.support.processes import signals_by_default
 from xfrustum.interrupts import CONTINUES
 
-#: Exit status and message by signal; a command that is done before ends as if there were none.
+#: Exit status and message by signal; a command that finishes earlier ends normally
 ENDS = {
     signal.SIGINT: (130, b"xfrustum: interrupted\n"),
     signal.SIGTERM: (143, b"xfrustum: terminated\n"),
@@ -41,15 +41,15 @@ PICTURES = {f"{i}x{j}.png": (0, 0, 20 + i + j) for i in range(3) for j in range(
 
 @dataclass(frozen=True, kw_only=True)
 class Victim:
-    """Command that is killed. Its folder is whole or absent, unless the command resumes."""
+    """Command that is killed; its folder is complete or absent, unless the command resumes."""
 
     name: str
-    arguments: tuple[str, ...]  #: of Python
-    status: int = 0  #: exit status of a run that is not killed
-    resumes: bool = False  #: whether a second run goes on with a part of the output
+    arguments: tuple[str, ...]  #: arguments of Python
+    status: int = 0  #: exit status without a signal
+    resumes: bool = False  #: whether a second run continues with part of the output
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
-        """Start the command as in a terminal's foreground: a background job ignores Ctrl-C."""
+        """Start the command like a foreground job: background jobs ignore Ctrl-C."""
         return subprocess.Popen(
             [sys.executable, *self.arguments],
             cwd=folder,
@@ -63,7 +63,7 @@ class Victim:
 
 
 def victims(fuzz: Path) -> list[Victim]:
-    """Return commands that take long enough to be killed, on a small scene."""
+    """Return commands on a small scene that take long enough to be killed."""
     renderer = f"{sys.executable} {fuzz / 'renderer.py'} {{i}} {{j}} {{out}}"
     xfrustum, outputs = ("-m", "xfrustum"), ("--quiet", "--out", OUT)
     verify = ["verify", "scene.toml", "--encoding", "triangle-id", "--apertures", "0,0;1,0;2,1"]
@@ -84,7 +84,7 @@ def victims(fuzz: Path) -> list[Victim]:
 
 @contextmanager
 def workplace() -> Iterator[Path]:
-    """Yield a folder with the scene, some pictures, and a folder for temporary files."""
+    """Yield a folder with a scene, some pictures, and a folder for temporary files."""
     with tempfile.TemporaryDirectory(prefix="kill-") as name:
         folder = Path(name).resolve()
         (folder / "scene.toml").write_text(SCENE + SHAPE)
@@ -96,7 +96,7 @@ def workplace() -> Iterator[Path]:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """Outcome of a run that was not killed."""
+    """Outcome of a run without a signal."""
 
     length_s: float
     errors: bytes  #: text on standard error
@@ -104,7 +104,7 @@ class Run:
 
     @classmethod
     def from_victim(cls, victim: Victim) -> "Run":
-        """Run a victim to its end."""
+        """Run a victim to completion."""
         with workplace() as folder:
             begun = time.monotonic()
             process = victim.start(folder)
@@ -124,7 +124,7 @@ def left_files(folder: Path) -> dict[str, str]:
 
 
 def undisturbed(runs: list[Run]) -> Run:
-    """Return the common outcome of some runs; files with times in them have no hash."""
+    """Return the common outcome of some runs, without hashes of files that contain times."""
     files = {
         name: digest if all(run.files.get(name) == digest for run in runs) else ""
         for name, digest in runs[0].files.items()
@@ -133,9 +133,9 @@ def undisturbed(runs: list[Run]) -> Run:
 
 
 def answers(pid: int) -> bool:
-    """Return whether a process has run the first line of the program, which handles SIGTERM.
+    """Return whether a process has started the program, whose first line handles SIGTERM.
 
-    Python itself leaves SIGTERM to the system, which ends the process without a word.
+    Before, the system ends the process at SIGTERM, without a message.
     """
     try:
         status = Path(f"/proc/{pid}/status").read_text()
@@ -147,7 +147,7 @@ def answers(pid: int) -> bool:
 
 
 def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tuple[str, list[str]]:
-    """Kill a victim at a moment that the seed decides; return its exit status and problems."""
+    """Kill a victim at a moment from the seed; return its exit status and problems."""
     wait_s = random.Random(f"{victim.name} {number} {seed}").uniform(0.0, whole.length_s)
     with workplace() as folder:
         process = victim.start(folder)
@@ -163,7 +163,7 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
         status, problems = process.returncode, []
         expected, word = ENDS[number]
         if early:
-            # Python ends by the signal, or with status 1 where Ctrl-C comes while it starts itself.
+            # Python ends with the signal, or with status 1 if Ctrl-C comes during its own startup.
             if status not in {-number, expected, victim.status, 1}:
                 problems.append(f"status {status} before the first line")
         elif status == expected:
@@ -190,10 +190,10 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
 
 
 def leftovers(victim: Victim, number: signal.Signals, folder: Path, whole: Run) -> list[str]:
-    """Return the files that a killed command should not have left."""
+    """Return the files that a killed command left by mistake."""
     known = {OUT, TEMPORARY, "scene.toml", *PICTURES}
     names = [name for name in os.listdir(folder) if name not in known and name[0] != "."]
-    if number is not signal.SIGKILL:  # whose files the next command removes
+    if number is not signal.SIGKILL:  # the next command removes files that SIGKILL leaves
         names += hidden(folder)
     files = left_files(folder)
     if not victim.resumes and files and files.keys() != whole.files.keys():
@@ -208,7 +208,7 @@ def hidden(folder: Path) -> list[str]:
 
 
 def orphans(folder: Path) -> list[str]:
-    """Return the command lines of processes that live on in a folder."""
+    """Return the command lines of processes that still run in a folder."""
     until = time.monotonic() + RENDERER_S
     while True:
         alive = []
@@ -224,7 +224,7 @@ def orphans(folder: Path) -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Kill, print the table, and return 1 where there is any problem."""
+    """Kill commands, print the table, and return 1 if there are any problems."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.kill", description=__doc__)
     parser.add_argument("--count", type=int, default=50, help="of each signal, for each command")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)

@@ -1,4 +1,4 @@
-"""Seeded damage: some of it blind, some of it aware of the parts of texts and binary files."""
+"""Seeded damage, both blind and aware of the structure of texts and binary files."""
 
 import json
 import random
@@ -13,24 +13,24 @@ NUMBERS = (
     *"9223372036854775808 1e99999".split(),  # noqa: SIM905
     *("true", "[]", "{}", '"text"', "1" + "0" * 30, "9" * 400, "9" * 5000, "0." + "0" * 400 + "1"),
 )
-"""Numbers, and texts in place of numbers, that have broken readers of numbers."""
+"""Numbers that have broken readers, and texts in their place."""
 
 WORDS = (
     *("", " ", "\0", "\x1b[31m", "\r\n", "\u2028", "..", "../../etc/passwd", "<script>", "%s%n"),
     *("{", "}", "'", '"', "*", "run:1", "s3://x"),
     *("{i!r}", "{i:999999999d}", "{x:.6f}", "{0}", "{i.real}", "{i[0]}", "{nobody}"),
 )
-"""Texts that have broken readers of texts, and pages that show them."""
+"""Texts that have broken readers, and pages that show the texts."""
 
 WHOLE = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
-"""Whole numbers at the ends of their types."""
+"""Whole numbers at the limits of their types."""
 
 COUNTS = (0, 1, 2, 3, 5, 16, 99, 4000, 9999, 65_536, 99_999_999, 10**12, 10**30)
-"""Numbers that stand in names of files."""
+"""Numbers for file names."""
 
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w.-]*|\"[^\"\n]*\"")
-_LARGEST = 1 << 22  # bytes of the largest mutated file: copies of copies grow without end
+_LARGEST = 1 << 22  # bytes of the largest mutated file: repeated duplication grows without limit
 
 Mutation = Callable[[bytes, random.Random], bytes]
 
@@ -43,10 +43,10 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 
 def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tuple[str, ...]:
-    """Return a command line of which one to three arguments are damaged."""
+    """Return a command line with one to three damaged arguments."""
     damaged = list(arguments)
     for _ in range(chance.choice((1, 1, 2, 3))):
-        if not damaged:  # no argument is left: the program without arguments is an input as well
+        if not damaged:  # no argument remains: the program without arguments is a valid input too
             break
         at = chance.randrange(1, len(damaged)) if len(damaged) > 1 else 0
         action = chance.randrange(5)
@@ -65,12 +65,12 @@ def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tupl
             raw = damaged[at].encode("utf-8", "surrogateescape")
             raw = _NUMBER.sub(lambda _: chance.choice(NUMBERS).encode(), raw)
             damaged[at] = raw.decode("utf-8", "surrogateescape")
-    # No system passes on an argument with a zero byte.
+    # Operating systems cannot pass arguments with zero bytes.
     return tuple(argument.replace("\0", "0") for argument in damaged)
 
 
 def mutated_names(data: bytes, chance: random.Random) -> bytes:
-    """Return a JSON list of file names, one to four of them damaged, two perhaps the same."""
+    """Return a JSON list of file names: one to four are damaged, and two may be equal."""
     names = json.loads(data)
     for _ in range(chance.choice((1, 1, 2, 4))):
         at = chance.randrange(len(names))
@@ -81,7 +81,7 @@ def mutated_names(data: bytes, chance: random.Random) -> bytes:
         )
         if chance.random() < 0.4:
             raw = mutated(raw, chance)
-        # A byte may become three, and a name has at most 255.
+        # A byte may expand to three, and a name has at most 255.
         text = raw[:80].decode("utf-8", "replace").replace("/", "_").replace("\0", "0")
         names.append(text if text.strip(". ") else "0x0.png")
     return json.dumps(names).encode()
@@ -127,7 +127,7 @@ def _flip(data: bytes, chance: random.Random) -> bytes:
 
 
 def _splice(data: bytes, chance: random.Random) -> bytes:
-    """Replace a piece by nothing, a random byte, many copies of itself, or another piece."""
+    """Replace a piece by nothing, by a random byte, by many copies, or by another piece."""
     start, length = chance.randrange(len(data) + 1), chance.choice((0, 1, 2, 4, 16, 256, len(data)))
     piece, other = data[start : start + length], chance.randrange(len(data) + 1)
     new = chance.choice(
@@ -186,4 +186,4 @@ MUTATIONS: tuple[Mutation, ...] = (
     *(_flip, _splice, _splice, _splice, _splice, _splice, _whole_number, _whole_number),
     *(_number, _number, _number, _word, _word, _line, _nest),
 )
-"""All kinds of damage; the most productive kinds are listed more than once."""
+"""All kinds of damage; the most productive kinds appear more than once."""

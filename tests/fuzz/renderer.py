@@ -1,13 +1,11 @@
-"""A renderer of ten lines, for `verify --command`: the column and the row as a color."""
+"""A renderer of ten lines, for `verify --command`: column and row of the hogel as a color."""
 
 import sys
 import time
 
 from PIL import Image
 
-PRETENDED_WORK_S = (
-    0.2  # time that it seems to draw for, so that a signal to `verify` finds it at work
-)
+PRETENDED_WORK_S = 0.2  # simulated drawing time, so that signals to `verify` arrive while it runs
 
 if __name__ == "__main__":
     column, row, out = sys.argv[1:]

@@ -1,4 +1,4 @@
-"""`xfrustum study` with an added command `small FOLDER`: a study of few cells to interrupt."""
+"""`xfrustum study` with an extra command `small FOLDER`: a study of few cells to interrupt."""
 
 import sys
 from dataclasses import replace
@@ -8,7 +8,7 @@ from xfrustum.cli.main import run
 
 
 def small(out: Path) -> None:
-    """Measure two pictures, one of each side, with two nears and one depth buffer."""
+    """Measure two pictures, one for each side of the plate, with two nears and one depth buffer."""
     from xfrustum.research.splitting import QUICK, make_study
 
     nears, (first, *_) = QUICK

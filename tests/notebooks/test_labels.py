@@ -1,4 +1,4 @@
-"""Images as labelled arrays: channels, places and signs."""
+"""Images as labelled arrays: channels, positions and signs."""
 
 import sys
 
@@ -22,7 +22,7 @@ def test_a_labelled_truth_has_the_images_channels_and_places_its_points(
         assert np.array_equal(labelled[name].values, getattr(truth, name), equal_nan=True)
     assert "variance" not in labelled and "settings" not in labelled.attrs
     assert labelled.height.attrs == {"long_name": "height above the plate", "units": "scene units"}
-    # The line of a pixel (CONVENTIONS.md): its point lies on a + s d with s = -z.
+    # The line of a pixel (CONVENTIONS.md): its point is a + s d with s = -z.
     for axis, (shear, half_extent, place, film) in enumerate(
         zip(labelled.attrs["shear"], labelled.attrs["half_extent"], "xy", "uv", strict=True)
     ):

@@ -1,4 +1,4 @@
-"""The cells of docs/notebooks.md run, also as a notebook, with the described results."""
+"""The cells of docs/notebooks.md run, in a notebook too, with the described results."""
 
 import ast
 import re
@@ -17,7 +17,7 @@ PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
 def last_value(program: str, names: dict[str, object]) -> Any:
-    """Run a cell of a notebook, and return what its last line is."""
+    """Run a cell of a notebook; return the value of its last line."""
     tree = ast.parse(program)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     exec(compile(tree, "docs/notebooks.md", "exec"), names)
@@ -29,7 +29,7 @@ def last_value(program: str, names: dict[str, object]) -> Any:
 def test_the_cells_run_one_after_the_other(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The scene is smaller, with as many hogels as the aperture of the page needs."""
+    """The scene is smaller, with just enough hogels for the page's aperture."""
     pytest.importorskip(
         "xarray", reason="needs the package xarray, the optional part xfrustum[notebook]"
     )

@@ -1,4 +1,4 @@
-"""Notebook displays of results: a line, facts and pictures, and short representations."""
+"""Notebook displays of results: a line, facts and pictures; and short representations."""
 
 import io
 import re
@@ -75,7 +75,7 @@ def results(tiny: World) -> dict[str, Any]:
 
 
 def structure_of(text: str) -> tuple[set[str], list[bytes], str]:
-    """Return the tags, the pictures and the words of an HTML text whose elements all end."""
+    """Return tags, pictures and words of an HTML text; assert that every element is closed."""
     closed = re.sub(r"(<img[^>]*[^/])>", r"\1/>", text)
     root = Xml.fromstring(f"<div>{closed}</div>")
     pictures = []
@@ -87,14 +87,14 @@ def structure_of(text: str) -> tuple[set[str], list[bytes], str]:
 
 
 def assert_displayed(result: Any) -> str:
-    """Check the display of a result, and return its line."""
+    """Check the display of a result; return its line."""
     shown = result._display() if isinstance(result, NotebookRepr) else display(result)
     assert "\n" not in shown.line and len(shown.line) <= MAX_LINE, shown.line
     text = result._repr_html_() if isinstance(result, NotebookRepr) else html(result)
     tags, pictures, words = structure_of(text)
     assert tags <= {"div", "p", "b", "pre", "figure", "figcaption", "img"}
     assert shown.line in words and shown.facts in words
-    # The page's own colors show, be it light or dark.
+    # The page's colors stay visible, in light and dark mode.
     styles = " ".join(re.findall(r'style="([^"]*)"', text))
     assert "background" not in styles and not re.search(r"(?<![-\w])color", styles)
     if shown.first_png is not None:
@@ -104,7 +104,7 @@ def assert_displayed(result: Any) -> str:
 
 
 def parts_of(value: object) -> Iterator[object]:
-    """Yield everything that a result is made of."""
+    """Yield all nested parts of a result."""
     yield value
     if is_dataclass(value) and not isinstance(value, type):
         for item in fields(value):
@@ -134,7 +134,7 @@ def test_the_picture_of_an_image_is_its_color_as_a_screen_shows_it(results: dict
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Strange(NotebookRepr):
-    """A result whose words are markup in HTML, with a large picture."""
+    """A result whose words would be HTML markup, with a large picture."""
 
     def _said(self) -> str:
         return "<script>1 < 2 & 'so'</script>"
@@ -158,7 +158,7 @@ sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
 import xfrustum
 print(*known)
 """
-"""Prints the types that are registered with a shell of IPython on import."""
+"""Prints the types that the import registers with an IPython shell."""
 
 
 def test_ipython_displays_objects_once_xfrustum_is_imported() -> None:

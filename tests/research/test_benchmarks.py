@@ -1,4 +1,4 @@
-"""Benchmarks describe their measures of agreeing contestants; no test measures speed."""
+"""Benchmarks describe their measures, and contestants agree; no test measures speed."""
 
 import json
 from collections.abc import Callable
@@ -32,7 +32,7 @@ from xfrustum.scenes.model.effects import Effect, needed
             benchmarks.JUDGE_MEANINGS,
         ),
         pytest.param(
-            # The plate is averaged over the sub-apertures of the grating; the plain loop is not.
+            # The plate is averaged over the grating's sub-apertures; the plain loop is not.
             ["plate", "grating", "--resolution=8"],
             "hogels_per_second",
             benchmarks.PLATE_MEANINGS,
@@ -66,7 +66,7 @@ def test_all_contestants_for_the_truth_answer_for_the_same_lines() -> None:
     result: dict[str, Callable[[], Any]] = dict(benchmarks.truth_contestants(scene, aperture))
     image = result["truth"]()
     assert isinstance(image, HogelImage) and image.overruled is not None
-    # The bare tracers have no far end: a hit beyond it is theirs alone.
+    # The bare tracers have no far end: only they return hits beyond it.
     same = ~image.overruled & image.covered
     assert same.mean() > 0.05
     bands = list(Reference(scene).decide(aperture))
@@ -76,7 +76,7 @@ def test_all_contestants_for_the_truth_answer_for_the_same_lines() -> None:
     _, ray, hit = result["trimesh"]()
     seen = np.full(same.size, NOTHING)
     seen[ray] = hit
-    # Not in robust mode, it may miss a line near an edge.
+    # Outside robust mode, Embree may miss a line near an edge.
     assert (seen.reshape(30, 40) == image.triangle)[same].mean() > 0.99
     if "mitsuba" in result:
         met = result["mitsuba"]().prim_index.numpy()
@@ -97,7 +97,7 @@ def test_the_car_has_the_counts_and_mirrors_of_the_paper_and_its_own_area(row: i
     for part, original in zip(car.scene.objects, builtin.build("car").objects, strict=True):
         before = area(original.vertices[original.faces])
         assert area(part.vertices[part.faces]) == pytest.approx(before, rel=1e-12)
-    # Drawn with mirrors: the same triangles in the same order, the first of them reflective.
+    # Drawn with mirrors: the same triangles in the same order, the first ones reflective
     scene = mirrored(car)
     np.testing.assert_array_equal(scene.triangles, car.scene.triangles)
     assert reflecting(scene) == [(0, mirrors)]
@@ -119,7 +119,7 @@ def test_table_1_is_measured_in_the_terms_of_the_paper() -> None:
     assert row["polygons_per_second"] == pytest.approx(row["polygons"] * rate)
     for name, machine in row["paper"].items():
         assert row["factors"][name] == pytest.approx(rate / machine["frames_per_second"])
-    # Every triangle is in the frusta, and none is drawn more than twice.
+    # Every triangle is in the frusta; none is drawn more than twice.
     assert 0 < row["submitted_polygons_per_second"] < 2 * row["polygons_per_second"]
     old = row["paper"]["RealityEngine2"]["frames_per_second"]
     assert on["factor"] == pytest.approx(on["frames_per_second"] / old)

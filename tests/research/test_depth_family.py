@@ -1,4 +1,4 @@
-"""Scenes whose depth alone changes show one picture; the others change one thing each."""
+"""Scenes that differ only in depth show one picture; the others differ in one property each."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ SIZE = (32, 32)
 
 @pytest.mark.slow
 def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_picture() -> None:
-    """Up to rounding at edges, all show the picture of the shallowest cars."""
+    """Up to rounding at edges, all scenes show the picture of the shallowest cars."""
     seen = [depth_family.cars_off_the_middle(100.0, SIZE, in_middle=False)]
     seen.append(depth_family.recentered_cars(10.0, SIZE))
     for ratio in (CAR_RATIO, 30.0):
@@ -26,7 +26,7 @@ def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_pict
     assert (first.triangle >= 0).mean() > 0.3
     for other in others:
         assert (other.triangle != first.triangle).mean() < 1e-2
-    # From the middle, the nearest cars lie beside the film.
+    # From the middle, the nearest cars lie outside the film.
     off, middle = seen[0].scene, seen[0].scene.plate.middle
     nearest, farther = (float(-np.nanmax(i.height)) for i in (first, Reference(off).trace(middle)))
     assert nearest == pytest.approx(0.01 * depth_family.REACH, rel=0.1)

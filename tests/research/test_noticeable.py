@@ -1,4 +1,4 @@
-"""Study of viewers: its data and its page agree, and no replay is made twice."""
+"""Study of viewers: its data and its page agree, and no replay is repeated."""
 
 import json
 import math
@@ -61,7 +61,7 @@ def test_a_threshold_lies_where_a_power_law_reaches_its_limit(rows: tuple[Row, .
     assert largest(27.0) == pytest.approx(3.0, rel=1e-12)
     assert largest(0.01) is None
     assert largest(1e9) == math.inf
-    # Beyond the last row that is known nothing is promised.
+    # Beyond the last known row there is no prediction.
     passed = [replace(row, pixels_worst=None if row.near > 1 else 0.5) for row in line]
     assert noticeable.largest_near(passed, "pixels_worst", 1.0) == 1.0
 

@@ -1,4 +1,4 @@
-"""The museum of wrong hits: exact rays are right at every exhibit, and others are not."""
+"""The museum of wrong hits: only the exact rays are right at every exhibit."""
 
 import pytest
 

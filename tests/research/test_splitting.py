@@ -1,4 +1,4 @@
-"""Study of splitting: measured, resumed, and written from the data alone."""
+"""Study of splitting: measurements, resumption, and a page made only from the data."""
 
 import json
 import math
@@ -83,21 +83,21 @@ def single(rows: tuple[Row, ...]) -> list[Row]:
 
 @pytest.mark.slow
 def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
-    """The film's corner is off by W n / (sqrt(2) |z|): p99 lies between a tenth and all of it."""
+    """The film's corner is off by W n / (sqrt(2) |z|): p99 lies between a tenth of it and all."""
     for row in single(tiny.rows):
         in_corner = row.resolution / math.sqrt(2) * row.near / (FARTHEST / 1000 / row.ratio)
         if in_corner <= TOLERANCE_PX:
             assert suitability(row) in {Suitability.ENOUGH, Suitability.STARVED}
         if in_corner > 10 * TOLERANCE_PX:
             assert suitability(row) in {Suitability.BENT, Suitability.BOTH}
-        # No depth buffer moves pixels whose surfaces it keeps.
+        # Depth buffers do not displace pixels that keep their surface.
         if row.depth_wrong == 0:
             assert row.displacement_p99 == pytest.approx(row.predicted_p99, rel=0.2)
 
 
 @pytest.mark.slow
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
-    """Twice the smallest separation is ordered, half of it is not."""
+    """Twice the smallest separation is ordered; half of it is not."""
     decided = [
         r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2
     ]
@@ -109,7 +109,7 @@ def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) 
 
 
 def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> None:
-    """Cameras in the aperture draw points in place, within 32-bit surface positions."""
+    """Cameras in the aperture draw points in place, up to the rounding of 32-bit positions."""
     cut = [row for row in tiny.rows if row.slabs]
     assert cut
     for row in cut:
@@ -165,10 +165,11 @@ def test_the_fewest_slabs_that_are_enough_are_the_outcome_and_a_window_ends_at_i
 def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: DepthBuffer) -> None:
     near = least_near(buffer)
     hyperbolic = buffer[1] in {DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED}
-    # Reversed float depth resolves the same share of any distance; what fragments write, no less.
+    # Reversed float depth resolves the same share of any distance; depth that fragments write, at
+    # least as much.
     assert (near is None) == (not hyperbolic or buffer == EXACT)
     if near is not None:
-        # One step of b bits is w^2 / (n 2^b): roundings only add to it.
+        # One step of b bits is w^2 / (n 2^b); roundings only increase the error.
         bits = 16 if buffer[0] is DepthFormat.D16 else 24
         assert 1 <= near * ASKED_SEPARATION * 2.0**bits < 6
 
@@ -203,7 +204,7 @@ def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(
         ]
 
     def rounded(some: Iterable[Cell]) -> set[Cell]:
-        """The last digit of a power of ten is another one on other processors."""
+        """Round nears: the last digit of a power of ten depends on the processor."""
         return {replace(item, near=float(f"{item.near:.12g}")) for item in some}
 
     made = rounded(part_of(row, Cell) for row in single(published))

@@ -1,4 +1,4 @@
-"""The study of ways: plates by two cameras, slabs and directions, and where they cross."""
+"""The study of ways: plates by two cameras, by slabs and by directions, and their crossovers."""
 
 import json
 import math
@@ -23,7 +23,7 @@ TINY = replace(QUICK, plates=(6, 30), nears=(1e-2, 1e-4))
 def test_the_crossover_of_straight_lines_is_that_of_the_formula(
     pass_s: float, hogel_s: float
 ) -> None:
-    """W H (pass + N cell) = N hogel, measured at four plates and on both sides of N."""
+    """W H (pass + N cell) = N hogel, measured with four plates on both sides of N."""
     pixels, cell_s = 64 * 64, 1e-7
     expected = pixels * pass_s / (hogel_s - pixels * cell_s)
     common = {"surface_fraction": 0.0, "displacement_p99_px": None, "judged": 1}
@@ -54,7 +54,7 @@ def test_the_published_page_and_figure_follow_from_the_data() -> None:
     assert drawn == svg(rows)
     for crossed in crossovers(rows):
         assert crossed.measured is not None and f"{crossed.measured:,.0f} hogels" in drawn
-        # Rule of the page, and the bar of the prediction.
+        # Rule on the page, and the bar of the prediction
         assert 1.7 < crossed.measured / (64 * 64) < 4
         assert crossed.ratio is not None and 1 / 1.5 < crossed.ratio < 1.5
 
@@ -71,7 +71,7 @@ def test_the_command_measures_each_way_once(
     files = ways.make_study(tmp_path, TINY)
     assert files is not None and message["sentence"] == sentence(files.rows)
     near, nearer, slabs, turned = files.rows[4:]
-    # Displacement is proportional to near, where it is small; by directions there is none.
+    # A small near offset displaces in proportion to it; images by direction have no displacement.
     assert near.displacement_p99_px is not None and nearer.displacement_p99_px is not None
     assert near.displacement_p99_px > 10 * nearer.displacement_p99_px > 0
     assert turned.way is PlateWay.DIRECTIONS and turned.displacement_p99_px is None

@@ -1,7 +1,7 @@
-"""Second reader of mesh files, written from the formats' specifications; not used by the product.
+"""Second reader of mesh files, written from the formats' specifications, for tests only.
 
-Slow and plain: one loop per rule. It shares no code with `xfrustum.scenes`, so that an error of one
-reader does not hide in the other. `python -m tests.second_reader FILE..` prints both readings.
+It is slow and plain: one loop per rule. It shares no code with `xfrustum.scenes`, so that both
+readers have no common error. `python -m tests.second_reader FILE..` prints both readings.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ READERS: dict[str, Callable[[Path], Reading]] = {
 
 
 def read(path: Path) -> Reading:
-    """Read a mesh file; raise Refused where it has no right reading."""
+    """Read a mesh file; raise Refused if the file is invalid or unsupported."""
     if path.suffix.lower() not in READERS:
         raise Refused(f"format {path.suffix}")
     return READERS[path.suffix.lower()](path).checked()

@@ -1,4 +1,4 @@
-"""Table of both readings: `python -m tests.second_reader FILE..`; exit status 1 on a difference."""
+"""Table of both readings: `python -m tests.second_reader FILE..`; exit status 1 if they differ."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from tests.second_reader.compare import Row, compare
 
 
 def table(name: str, row: Row) -> str:
-    """Return the lines of the table for one file."""
+    """Return the lines of the table for a file."""
     verdict = f"DIFFERS: {row.difference}" if row.difference else "equal"
     rows = (f"{row.product}  product", f"{row.second}  second reader", verdict)
     return "".join(f"{title:32} {text}\n" for title, text in zip((name, "", ""), rows, strict=True))
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table of some files."""
+    """Print the table for some files."""
     if not arguments:
         sys.stderr.write("usage: python -m tests.second_reader FILE..\n")
         return 2

@@ -1,4 +1,4 @@
-"""Comparison of the product's reading of a file with the second reader's."""
+"""Comparison of the product's triangles of a file with the second reader's polygons."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Row:
 
     product: Side
     second: Side
-    difference: str | None  #: None if the readings are equal, or both refuse
+    difference: str | None  #: difference in words; None if the readings are equal, or both refuse
 
 
 def product_triangles(path: Path) -> Floats:
@@ -73,7 +73,7 @@ def compare(path: Path) -> Row:
 
 
 def difference(product: Floats, reading: Reading) -> str | None:
-    """Return the first difference of triangles (F, 3, 3) from a reading; any right cut is equal."""
+    """Return the first difference of triangles (F, 3, 3) from a reading, with any valid cut."""
     expected = sum(len(polygon) - 2 for polygon in reading.polygons)
     if len(product) != expected:
         return f"{len(product)} triangles for {expected}"
@@ -94,7 +94,7 @@ def difference(product: Floats, reading: Reading) -> str | None:
 
 
 def _labels(points: Floats, distance: float) -> Labels:
-    """Return (K,) labels, equal for points that are linked by steps of at most a distance."""
+    """Return labels (K,), equal for points linked by steps of at most a distance."""
     unique, inverse = np.unique(points + 0.0, axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
     if distance == 0:
@@ -105,7 +105,7 @@ def _labels(points: Floats, distance: float) -> Labels:
 
 
 def _soup(rows: Labels, oriented: bool) -> list[tuple[int, ...]]:
-    """Return triangles from their least corner on, in ascending order."""
+    """Return triangles in ascending order, each rotated to begin with its least corner."""
     if not oriented:
         rows = np.sort(rows, axis=1)
     return sorted(min((a, b, c), (b, c, a), (c, a, b)) for a, b, c in rows.tolist())
@@ -114,7 +114,7 @@ def _soup(rows: Labels, oriented: bool) -> list[tuple[int, ...]]:
 def _assigned(
     product: Floats, corners: Labels, polygons: list[Floats], outlines: list[Labels]
 ) -> list[list[int]]:
-    """Give each triangle to a polygon that has its corners, lacks triangles and faces its way."""
+    """Assign each triangle to an incomplete polygon with its corners and its orientation."""
     owners: dict[int, set[int]] = defaultdict(set)
     for number, outline in enumerate(outlines):
         for corner in outline.tolist():
@@ -123,7 +123,7 @@ def _assigned(
     for index, triangle in enumerate(corners.tolist()):
         shared = set.intersection(*(owners[corner] for corner in triangle))
         lacking = [k for k in shared if len(groups[k]) < len(polygons[k]) - 2]
-        # Equal polygons take different triangles, and a triangle of the file takes its equal first.
+        # Equal polygons receive different triangles; a triangle of the file prefers its equal.
         held = {k: triangle in corners[groups[k]].tolist() for k in lacking}
         turned = {k: newell(product[index]) @ newell(polygons[k]) <= 0 for k in lacking}
         lacking.sort(key=lambda k: (turned[k], len(polygons[k]), held[k], k))

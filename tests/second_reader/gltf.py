@@ -1,4 +1,4 @@
-"""glTF 2.0 at rest: container, accessors, nodes, skins, morph targets and topologies.
+"""glTF 2.0 without animation: container, accessors, nodes, skins, morph targets and topologies.
 
 Comments name sections of the specification.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from tests.second_reader.model import ROUNDING, Floats, Placement, Reading, Refused
 
-#: Extensions that may be required: read here, or without any effect on geometry.
+#: Extensions that may be required: supported, or without effect on geometry
 READ = ("KHR_mesh_quantization", "EXT_mesh_gpu_instancing", "KHR_node_visibility")
 LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
 COMPONENTS = {5120: "b", 5121: "B", 5122: "h", 5123: "H", 5125: "I", 5126: "f"}
@@ -64,7 +64,7 @@ class _Document:
         return bytes(data[: entry["byteLength"]])
 
     def accessor(self, index: int) -> Floats:
-        """Return (count, width): sparse elements replaced, normalized integers divided (3.6.2)."""
+        """Return (count, width): sparse replacements made, normalized integers divided (3.6.2)."""
         entry = self.json["accessors"][index]
         form = (entry["componentType"], WIDTHS[entry["type"]])
         rows = [(0,) * form[1]] * entry["count"]
@@ -82,7 +82,7 @@ class _Document:
         return values
 
     def _rows(self, source: dict[str, Any], form: tuple[int, int], count: int) -> list[Any]:
-        """Read elements of a component type and a width from a buffer view."""
+        """Read elements of some component type and width from a buffer view."""
         view = self.json["bufferViews"][source["bufferView"]]
         start = view.get("byteOffset", 0)
         data = self.buffer(view["buffer"])[start : start + view["byteLength"]]
@@ -94,7 +94,7 @@ class _Document:
 
 
 class _Walk:
-    """Nodes of the scene, in depth, children in their order."""
+    """Nodes of the scene, depth first, children in order."""
 
     def __init__(self, path: Path) -> None:
         self.document, self.reading = _Document(path), Reading()
@@ -124,7 +124,7 @@ class _Walk:
             self._enter(root)
 
     def _place(self, number: int, above: Placement) -> None:
-        """Store the global transforms of a node and of the nodes below it (3.5.2)."""
+        """Store the global transforms of a node and its descendants (3.5.2)."""
         node = self.nodes[number]
         if "matrix" in node:
             own = Placement(np.reshape(node["matrix"], (4, 4)).T)
@@ -135,7 +135,7 @@ class _Walk:
             self._place(child, self.places[number])
 
     def _enter(self, number: int) -> None:
-        """Add the meshes of a node and of the nodes below it, if visible."""
+        """Add the meshes of a node and its descendants, if visible."""
         node = self.nodes[number]
         extensions = node.get("extensions", {})
         if not extensions.get("KHR_node_visibility", {}).get("visible", True):
@@ -165,7 +165,7 @@ class _Walk:
     def _primitive(
         self, primitive: dict[str, Any], weights: list[float], skin: int | None, place: Placement
     ) -> None:
-        """Add the triangles of a primitive; one without positions is skipped (3.7.2.1)."""
+        """Add the triangles of a primitive; skip a primitive without positions (3.7.2.1)."""
         attributes, mode = primitive["attributes"], primitive.get("mode", 4)
         if "POSITION" not in attributes or mode < 4:
             return
@@ -188,7 +188,7 @@ class _Walk:
     def _morphed(
         self, primitive: dict[str, Any], weights: list[float]
     ) -> tuple[Floats, Floats, bool]:
-        """Return positions with targets added (3.7.2.2), sizes of their terms, and exactness."""
+        """Return positions with targets (3.7.2.2), their terms' sizes, and if they are exact."""
         accessors = self.document.json["accessors"]
         targets = primitive.get("targets", [])
         if len(weights) > len(targets):
@@ -205,7 +205,7 @@ class _Walk:
     def _skinned(
         self, points: Floats, sizes: Floats, attributes: dict[str, int], index: int
     ) -> tuple[Floats, Floats]:
-        """Apply the joints alone: the transform of the skinned node is ignored (3.7.3.3)."""
+        """Apply only the joints: the transform of the skinned node is ignored (3.7.3.3)."""
         skin = self.document.json["skins"][index]
         joints = [self.places[joint] for joint in skin["joints"]]
         if "inverseBindMatrices" in skin:
@@ -221,7 +221,7 @@ class _Walk:
                 matrix += share * joints[name].matrix
             if abs(sum(share for _, share in influences) - 1) > 0.02:
                 raise Refused("weights of a vertex do not add up to one")
-            self.reading.oriented &= not Placement(matrix).mirrors  # the winding is left open
+            self.reading.oriented &= not Placement(matrix).mirrors  # unspecified winding
         return moved, terms
 
     def _influences(self, attributes: dict[str, int]) -> list[list[tuple[int, float]]]:
@@ -248,7 +248,7 @@ def _composed(translation: Any, rotation: Any, scale: Any) -> Placement:
             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
-        sizes[:3, :3] = 3.0  # terms of an entry add up to at most 3, also where they cancel
+        sizes[:3, :3] = 3.0  # the absolute terms of an entry sum to at most 3, even if they cancel
         placement = Placement(turn, sizes) @ placement
     if translation is not None:
         matrix = np.eye(4)

@@ -1,4 +1,4 @@
-"""Result of the second reader, words of text formats, and matrices with a bound on rounding."""
+"""Result of the second reader, number formats of texts, and matrices with rounding bounds."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z")
-#: Relative rounding of a coordinate over the sum of its absolute terms: three matrices, morph
-#: targets and joints are some forty operations in double precision.
+#: Rounding of a coordinate relative to the sum of its absolute terms: three matrices, morph targets
+#: and joints are about forty double-precision operations
 ROUNDING = 64 * 2.0**-53
 
 
 class Refused(Exception):
-    """File without a right reading; the message is the reason."""
+    """Error for an invalid or unsupported file; the message is the reason."""
 
 
 @dataclass
 class Reading:
-    """Polygons of a file in its own order."""
+    """Polygons of a file in the file's order."""
 
     polygons: list[Floats] = field(default_factory=list)  #: (n, 3) each, n >= 3, double precision
-    #: Bound on the rounding of a coordinate; 0 where the file states the coordinates themselves.
+    #: rounding bound of a coordinate; 0 if the file states the coordinates themselves
     rounding: float = 0.0
-    #: False if the specification leaves the winding open: joints that mirror.
+    #: False if the specification leaves the winding open, as for mirroring joints
     oriented: bool = True
 
     def add(self, vertices: Floats, corners: list[int], least: int = 3) -> None:
-        """Append the polygon of some vertices; refuse indices of none."""
+        """Append a polygon of some vertices; refuse indices out of range."""
         if len(corners) < least or not all(0 <= corner < len(vertices) for corner in corners):
             raise Refused(f"corners {corners} of {len(vertices)} vertices")
         self.polygons.append(vertices[corners])
 
     def checked(self) -> Reading:
-        """Return the reading; refuse one without polygons or with numbers that are not finite."""
+        """Return the reading; refuse it without polygons, or with numbers that are not finite."""
         if not self.polygons or not np.isfinite(np.concatenate(self.polygons)).all():
             raise Refused("no triangles, or coordinates that are not finite")
         return self
 
 
 def number(word: bytes) -> float:
-    """Read a decimal number: no inf, nan or 1_000."""
+    """Read a decimal number; refuse inf, nan and 1_000."""
     if not _NUMBER.match(word):
         raise Refused(f"{word!r} is no number")
     return float(word)
@@ -59,7 +59,7 @@ def integer(word: bytes) -> int:
 
 
 def plain_lines(data: bytes) -> list[bytes]:
-    """Split a text into lines, whatever their ends; a byte-order mark is left out."""
+    """Split a text into lines with any line ends; skip a byte-order mark."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         data = data.decode("utf-16").encode()
     data = data.removeprefix(b"\xef\xbb\xbf")
@@ -78,7 +78,7 @@ class Placement:
         return Placement(self.matrix @ inner.matrix, self.sizes @ inner.sizes)
 
     def of(self, points: Floats, sizes: Floats) -> tuple[Floats, Floats]:
-        """Place points (V, 3) of terms of some sizes; return them and the sizes of their terms."""
+        """Place points (V, 3) with terms of some sizes; return the points and the new sizes."""
         if np.array_equal(self.matrix, np.eye(4)):
             return points, sizes
         linear, moved = self.matrix[:3, :3], self.matrix[:3, 3]

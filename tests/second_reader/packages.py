@@ -14,7 +14,7 @@ import numpy as np
 from tests.second_reader.model import ROUNDING, Floats, Placement, Reading, Refused
 
 NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/"
-#: Extensions that may be required: production is read, materials and sets do not change geometry.
+#: Extensions that may be required: production is supported; materials and sets keep geometry
 HARMLESS = [
     NAMESPACE + name for name in ("production/2015/06", "material/2015/02", "trianglesets/2021/07")
 ]
@@ -22,23 +22,23 @@ DEEPEST = 100
 
 
 def read_3mf(path: Path) -> Reading:
-    """Read the build of a 3MF file, in the file's own unit."""
+    """Read the build of a 3MF file, in the file's unit."""
     return _read(path, _read_3mf)
 
 
 def read_3dxml(path: Path) -> Reading:
-    """Read the instances of a 3DXML product structure, each representation at its finest."""
+    """Read the instances of a 3DXML product structure, each representation at its finest level."""
     return _read(path, _read_3dxml)
 
 
 class _Package:
-    """Parts of an archive, and the reading that grows."""
+    """Parts of an archive, and the reading so far."""
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
         self.archive, self.reading = archive, Reading()
-        # Names of parts ignore case (OPC 6.2.2.3).
+        # Part names are case-insensitive (OPC 6.2.2.3).
         self.names = {name.lower(): name for name in archive.namelist()}
-        self.spaces: dict[str, str] = {}  #: namespaces by prefix, of the part that was read last
+        self.spaces: dict[str, str] = {}  #: namespaces by prefix, for the latest part
 
     def xml(self, name: str) -> Element:
         data = self.archive.read(self.names[name.lstrip("/").lower()])
@@ -47,7 +47,7 @@ class _Package:
         return ElementTree.fromstring(data)
 
     def add(self, points: Floats, faces: list[list[int]], place: Placement) -> None:
-        """Add triangles; mirrored ones keep their outside (3MF, 3.3)."""
+        """Add triangles; mirrored triangles keep their outside (3MF, 3.3)."""
         vertices, sizes = place.of(points, np.abs(points))
         if not place.exact and len(points):
             self.reading.rounding = max(self.reading.rounding, ROUNDING * float(sizes.max()))
@@ -78,7 +78,7 @@ def _numbers(text: str, columns: int) -> Floats:
 
 
 def _transform(text: str | None) -> Placement:
-    """Read three columns of a matrix that multiplies columns, and the translation."""
+    """Read three columns of a matrix that multiplies column vectors, and the translation."""
     if text is None:
         return Placement()
     rows = np.eye(4)
@@ -133,7 +133,7 @@ def _read_3dxml(package: _Package) -> None:
         raise Refused("no product structure")
 
     def enter(reference: str, outer: Placement, depth: int) -> None:
-        """Draw the representations of a reference, and the references that it holds."""
+        """Draw the representations of a reference and of its child references."""
         if depth > DEEPEST:
             raise Refused("instances in a circle")
         for instance in structure:
@@ -149,7 +149,7 @@ def _read_3dxml(package: _Package) -> None:
                 enter(target, outer @ _transform(instance.findtext("{*}RelativeMatrix")), depth + 1)
 
     def draw(rep: Element, place: Placement) -> None:
-        """Draw a representation by its own Faces; the Faces of PolygonalLOD are coarser."""
+        """Draw the Faces of a representation itself; the Faces of PolygonalLOD are coarser."""
         points = _numbers(rep.findtext("{*}VertexBuffer/{*}Positions", ""), 3)
         for face in rep.iterfind("{*}Faces/{*}Face"):
             p = [int(word) for word in face.get("triangles", "").split()]

@@ -18,7 +18,7 @@ CODES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-#: Name and count of an element, and its properties: name, type, type of a list's length.
+#: name and count of an element, and its properties: name, type, type of a list's length
 Element = tuple[str, int, list[tuple[str, str, str | None]]]
 Row = dict[str, list[float]]
 
@@ -41,7 +41,7 @@ def read_ply(path: Path) -> Reading:
 
 
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
-    """Return the byte order ("" of text), the elements and the bytes after the header."""
+    """Return the byte order ("" for text), the elements, and the bytes after the header."""
     end = b"\r" if data[3:4] == b"\r" != data[4:5] != b"\n" else b"\n"
     head, separator, rest = data.partition(
         end + b"end_header" + (b"\r\n" if b"\r\n" in data else end)
@@ -98,7 +98,7 @@ def _text(data: bytes, elements: list[Element]) -> dict[str, list[Row]]:
 
     def take(code: str) -> float:
         word = next(line)
-        # The header states the type, and a text may have more digits.
+        # The header states the type, although a text may have more digits.
         return (
             float(np.float32(number(word)))
             if code == "f"

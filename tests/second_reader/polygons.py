@@ -1,4 +1,4 @@
-"""Polygons: Newell's normal, ear clipping in rational arithmetic, test of another reader's cut."""
+"""Polygons: Newell's normal, ear clipping in rational arithmetic, and a test of triangulations."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Labels = NDArray[np.int64]
 
 def newell(polygon: Floats) -> Floats:
     """Return twice the vector area: the sum of the cross products of consecutive corners."""
-    shape = polygon - polygon[0]  # differences first: coordinates may be far from the origin
+    shape = polygon - polygon[0]  # subtract first: coordinates may be far from the origin
     return np.asarray(np.cross(shape, np.roll(shape, -1, axis=0)).sum(axis=0))
 
 
 def cut(polygon: Floats) -> list[Floats]:
-    """Cut a polygon into n - 2 triangles: clip ears as seen along one axis, exactly."""
+    """Cut a polygon into n - 2 triangles: clip ears exactly, projected along one axis."""
     if len(polygon) == 3:
         return [polygon]
     left, normal = list(range(len(polygon))), newell(polygon)
-    if np.linalg.matrix_rank(polygon - polygon[0]) < 2:  # corners on one line: no area to clip
+    if np.linalg.matrix_rank(polygon - polygon[0]) < 2:  # collinear corners: no area to clip
         return [polygon[[0, k, k + 1]] for k in range(1, len(left) - 1)]
     if not normal.any():
         raise Refused("a polygon crosses itself")
@@ -41,7 +41,7 @@ def cut(polygon: Floats) -> list[Floats]:
 
 
 def _ear(flat: list[Point], left: list[int]) -> int:
-    """Return the place of a corner that spans no area, else of an ear."""
+    """Return the place of a corner without area or, if there is none, of an ear."""
     for empty in (True, False):
         for place in range(len(left)):
             before, here, after = (flat[left[(place + k) % len(left)]] for k in (-1, 0, 1))
@@ -65,9 +65,10 @@ def _inside(point: Point, a: Point, b: Point, c: Point) -> bool:
 def is_cut_of(triangles: Floats, corners: Labels, polygon: Floats, outline: Labels) -> bool:
     """Test whether triangles (T, 3, 3) triangulate a polygon (n, 3).
 
-    Equal labels mark equal corners: (T, 3) of the triangles, (n,) of the outline. Three conditions:
-    n - 2 triangles; their directed edges, less the edges that two triangles share, are the
-    polygon's; none is turned against Newell's normal. Areas then add up, without overlap.
+    Equal labels mark equal corners: (T, 3) of the triangles, (n,) of the outline. Three conditions
+    hold. There are n - 2 triangles. Their directed edges, without edges shared by two triangles,
+    are the polygon's. No triangle is turned against Newell's normal. Areas then add up without
+    overlap.
     """
     if len(triangles) != len(polygon) - 2:
         return False

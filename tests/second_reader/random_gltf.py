@@ -1,4 +1,4 @@
-"""glTF files of random features, for the comparison of both readers without a closed form."""
+"""glTF files of random features, for a comparison of both readers without closed forms."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _unit(random: Generator, count: int) -> Floats:
 
 
 def _instances(writer: Writer, random: Generator) -> dict[str, int]:
-    """Return attributes of instances, at least one attribute."""
+    """Return attributes of instances, at least one."""
     count = int(random.integers(1, 5))
     kind = str(random.choice(["<f4", "<i1", "<i2"]))
     turns = _unit(random, count) * (1 if kind == "<f4" else np.iinfo(kind).max)

@@ -1,4 +1,4 @@
-"""OBJ files of random layout, for the comparison of both readers without a closed form."""
+"""OBJ files of random layout, for a comparison of both readers without closed forms."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _OTHERS = [
 
 
 def random_obj(seed: int) -> bytes:
-    """Return a file of triangles and of polygons, convex and concave, in random layout."""
+    """Return a file of triangles and polygons, convex and concave, in random layout."""
     random = np.random.default_rng(seed)
     statements: list[str] = []
     counts = {"v": 0, "vt": 0, "vn": 0}
@@ -47,7 +47,7 @@ def random_obj(seed: int) -> bytes:
 
 
 def _outline(random: Generator) -> Floats:
-    """Return a star-shaped polygon in a random plane, its corners exact."""
+    """Return a star-shaped polygon in a random plane, with exact corners."""
     count = int(random.integers(3, 10))
     angles = np.sort(random.random(count) + np.arange(count)) * (2 * np.pi / count)
     radius = random.uniform(0.3, 4, count)
@@ -60,7 +60,7 @@ def _outline(random: Generator) -> Floats:
 
 
 def _face(random: Generator, places: list[int], counts: dict[str, int]) -> str:
-    """Return a face with or without texture and normals, its indices absolute or relative."""
+    """Return a face with or without texture and normals, with absolute or relative indices."""
     kinds = {kind: bool(n and random.random() < 0.5) for kind, n in counts.items()}
     words = []
     for place in places:
@@ -74,7 +74,7 @@ def _face(random: Generator, places: list[int], counts: dict[str, int]) -> str:
 
 
 def _number(random: Generator, value: float) -> str:
-    """Return a number in one of its forms, all digits kept."""
+    """Return a number in a random notation, with all digits."""
     text = repr(value)
     forms = [text, "+" + text if value >= 0 else text, f"{value:.17e}", f"{value:.17E}"]
     forms.append(text.removesuffix("0") if text.endswith(".0") else text)

@@ -32,7 +32,7 @@ def read_obj(path: Path) -> Reading:
         if word in (b"v", b"vt", b"vn"):
             numbers = [number(value) for value in values]
             if word == b"v":
-                # A weight is defined for rational surfaces alone.
+                # Weights are defined only for rational surfaces.
                 if len(numbers) not in (3, 4, 6) or (len(numbers) == 4 and numbers[3] != 1):
                     raise Refused(f"vertex {values}")
                 vertices.append(numbers[:3])
@@ -63,8 +63,8 @@ def _place(corner: bytes, counts: Counter[bytes]) -> int:
 
 
 def read_off(path: Path) -> Reading:
-    """Read the polygons of an OFF file in text with three or homogeneous coordinates."""
-    # Line ends matter after the corners of a face alone, where its color may follow.
+    """Read the polygons of an OFF file in text, with three or homogeneous coordinates."""
+    # Line ends matter only after the corners of a face, where its color may follow.
     words = [
         word
         for line in plain_lines(path.read_bytes())
@@ -130,7 +130,7 @@ def read_stl(path: Path) -> Reading:
         ]
         words += (
             line_words[:1] if line_words[:1] in ([b"solid"], [b"endsolid"]) else line_words
-        )  # names are free
+        )  # names are arbitrary
     place = 0
     while place < len(words):
         if words[place] != b"solid":

@@ -1,8 +1,8 @@
-"""Truth without any cleverness: every triangle against every line, twice, by textbook formulas.
+"""The plain truth: every triangle against every line, by two textbook formulas.
 
-In double precision by Moeller and Trumbore ("Fast, minimum storage ray-triangle intersection",
-1997), and in rational numbers by Cramer's rule. Nothing here is imported from the code under test:
-lines are arrays of doubles.
+The formulas are those by Moeller and Trumbore ("Fast, minimum storage ray-triangle intersection",
+1997), in double precision, and Cramer's rule, in rational numbers. The module imports nothing from
+the code under test: lines are arrays of doubles.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from xfrustum.scenes.arrays import Floats
 def meetings(triangles: Floats, center: Floats, d: Floats, s_range: tuple[float, float]) -> Floats:
     """Return s at which lines center + s d (N, 3) meet triangles (T, 3, 3).
 
-    (N, T), infinite where a line misses a triangle within the range.
+    The result is (N, T), infinite where a line misses a triangle within the range.
     """
     e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     right = center - triangles[:, 0]
@@ -30,7 +30,7 @@ def meetings(triangles: Floats, center: Floats, d: Floats, s_range: tuple[float,
 
 
 def exact_s(corners: Floats, center: Floats, d: Floats) -> Fraction | None:
-    """Return s where the line center + s d meets a closed triangle (3, 3), None if it does not.
+    """Return s where the line center + s d meets a closed triangle (3, 3), None if it misses.
 
     Cramer's rule for center + s d = p0 + b (p1 - p0) + c (p2 - p0). A line in the plane of
     the triangle counts as a miss.
@@ -40,7 +40,7 @@ def exact_s(corners: Floats, center: Floats, d: Floats) -> Fraction | None:
         for array in (corners, center, d)
         for value in array.ravel().tolist()
     ]
-    # The rule is homogeneous: times their common denominator, coordinates are integers.
+    # The rule is homogeneous: multiplied by their common denominator, coordinates are integers.
     scale = max(denominator for _, denominator in ratios)
     whole = [numerator * (scale // denominator) for numerator, denominator in ratios]
     p0, p1, p2, a, ray = (whole[start : start + 3] for start in range(0, 15, 3))
@@ -60,7 +60,7 @@ def exact_s(corners: Floats, center: Floats, d: Floats) -> Fraction | None:
 def exact_first(
     triangles: Floats, center: Floats, d: Floats, s_range: tuple[float, float]
 ) -> tuple[Fraction | None, list[int]]:
-    """Return where a line meets its first surface, and all triangles that it meets there."""
+    """Return s of a line's first surface, and all triangles that the line meets there."""
     hits = {
         number: s
         for number, corners in enumerate(triangles)
@@ -75,5 +75,5 @@ def _minus(a: Sequence[int], b: Sequence[int]) -> list[int]:
 
 
 def _determinant(a: Sequence[int], b: Sequence[int], c: Sequence[int]) -> int:
-    # a . (b x c): indices below zero count from the end, so that i - 2, i - 1 follow i in a circle.
+    # a . (b x c): negative indices count from the end, so that i - 2, i - 1 follow i cyclically.
     return sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))

@@ -1,4 +1,4 @@
-"""Commands run in this process, with their output captured."""
+"""Run commands in this process and capture their output."""
 
 import json
 import shlex
@@ -13,20 +13,20 @@ from xfrustum.cli.main import main
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """Text that a command wrote to standard output and standard error."""
+    """Standard output and standard error of a command."""
 
     out: str
     err: str
 
     @property
     def record(self) -> dict[str, Any]:
-        """The one JSON object on standard output, without NaN and Infinity."""
+        """The only JSON object on standard output, without NaN and Infinity."""
         value = json.loads(self.out, parse_constant=_refuse)
         assert isinstance(value, dict)
         return value
 
 
-#: Runs a command line as a shell splits it, and asserts its exit status (by default 0)
+#: function that runs a command line, split as by a shell, and asserts its exit status (default 0)
 Command = Callable[..., Output]
 
 

@@ -1,4 +1,4 @@
-"""A scheduler and workers of Dask as processes of their own, on loopback."""
+"""A Dask scheduler and workers as separate processes, on loopback."""
 
 import socket
 import subprocess
@@ -18,7 +18,7 @@ def free_port() -> int:
 
 @contextmanager
 def dask(*words: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Run `dask WORDS` as a process of its own, which is killed in the end."""
+    """Run `dask WORDS` as a separate process, which is killed in the end."""
     process = subprocess.Popen(
         [sys.executable, "-m", "dask", *words],
         stdout=subprocess.DEVNULL,
@@ -38,7 +38,7 @@ def scheduler(port: int) -> tuple[str, ...]:
 
 
 def worker(port: int) -> tuple[str, ...]:
-    """Return the arguments that start a worker process, which ends a minute after its scheduler."""
+    """Return the arguments that start a worker; it ends a minute after its scheduler."""
     address = f"tcp://127.0.0.1:{port}"
     return (
         "worker",

@@ -1,4 +1,4 @@
-"""Images against rational arithmetic: every pixel of small ones, chosen pixels of others."""
+"""Images compared with rational arithmetic: all pixels of small images, some of others."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -22,12 +22,8 @@ LINES_AT_ONCE = 64
 class ExactPixel:
     """The first surface on one line.
 
-    Attributes
-    ----------
-    winners
-        All triangles met there, in ascending order; empty if it meets none.
-    s
-        The s at which the line meets them; NaN where it meets none.
+    Attributes ---------- winners All triangles that the line meets there, in ascending order; empty
+    if there are none. s s at which the line meets the winners; NaN if there are none.
     """
 
     winners: list[int]
@@ -37,10 +33,10 @@ class ExactPixel:
 def hold_to_fractions(
     image: Any, triangles: Floats, d: Floats, cameras: Sequence[tuple[Floats, tuple[float, float]]]
 ) -> Floats:
-    """Hold the triangle and the ties of every pixel to rational arithmetic on its line.
+    """Compare triangle and ties of every pixel with rational arithmetic on its line.
 
-    Cameras are centers and ranges of s; of several, the first that meets something is shown.
-    Return the points met, (H, W, 3), NaN where there is none.
+    Cameras are centers and ranges of s; the first camera whose line meets a surface decides. Return
+    the points (H, W, 3) on the surfaces, NaN where there is none.
     """
     ties = defaultdict(list)
     for row, column, triangle in image.tied_triangles.tolist():
@@ -59,7 +55,7 @@ def hold_to_fractions(
 
 
 def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[ExactPixel]:
-    """Decide pixels (N,), row * W + column, of a scene's true image from an aperture."""
+    """Return the exact surface of some pixels of a true image, pixel number row * W + column."""
     center = np.array([aperture.x, aperture.y, 0.0])
     lines = lines_by_definition(scene, aperture).reshape(-1, 3)[pixels]
     s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
@@ -77,7 +73,7 @@ def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[Exac
 
 
 def possible_pairs(corners: Floats, d: Floats) -> Mask:
-    """Return which lines (N, 3) may meet which triangles about their common point, (N, F)."""
+    """Return pairs (N, F) of lines (N, 3) through one point and triangles that may meet."""
     following = np.roll(corners, -1, axis=1)
     cross = np.cross(corners, following)
     a, b = np.abs(corners), np.abs(following)

@@ -1,4 +1,4 @@
-"""The own rasterizer with deliberate defects, as another renderer could have them."""
+"""The project's rasterizer with deliberate defects of other renderers."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ INVISIBLE = 1e-5
 
 
 def small(name: str = "asymmetric-recentered", size: int = 64) -> Scene:
-    """Return a scene with square images and a square number of hogels: all symmetries hold."""
+    """Return a scene with square images and a square grid of hogels, for all symmetries."""
     scene = view(name, (size, size))
     return replace(scene, plate=Plate(size=scene.plate.size, hogels=(5, 5)))
 
 
 def oblong(name: str = "asymmetric", width: int = 32) -> Scene:
-    """Return a scene whose film and plate have four symmetries each, a quarter of `small`'s."""
+    """Return a scene with four symmetries each of film and plate, a quarter of `small`'s."""
     scene = view(name, (width, width * 3 // 4))
     return replace(scene, plate=Plate(size=scene.plate.size, hogels=(5, 4)))
 
 
 def saying(image: HogelImage, *channels: str) -> HogelImage:
-    """Return an image with nothing but its `triangle`, `object` or `color`."""
+    """Return an image with only its `triangle`, `object` or `color`."""
     nothing = np.full_like(image.triangle, NOTHING)
     return HogelImage(
         camera=image.camera,
@@ -58,7 +58,7 @@ def saying(image: HogelImage, *channels: str) -> HogelImage:
 
 @dataclass(kw_only=True, eq=False)
 class Faulty:
-    """A renderer in Python: `verify` calls it. The faults are the arguments."""
+    """A renderer in Python, called by `verify`; its arguments are its defects."""
 
     scene: Scene
     orientation: Orientation = UPRIGHT
@@ -84,7 +84,7 @@ class Faulty:
         self.rasterizer.release()
 
     def __call__(self, scene: Scene, aperture: Aperture) -> HogelImage:
-        """Draw the image that this renderer takes for the hogel of an aperture."""
+        """Draw the image that this renderer returns for an aperture."""
         there = scene.plate.aperture(*self.order.index(aperture.index, scene.plate.hogels))
         image = self._drawn(replace(there, x=there.x * self.pitch, y=there.y * self.pitch))
         return saying(replace(image, **_arrays(image, self.orientation.applied)), self.shown)
@@ -114,7 +114,7 @@ class Faulty:
         return replace(back, **arrays)
 
     def _film(self, aperture: Aperture) -> Frustum:
-        """Return the frustum whose pixels lie where this renderer samples."""
+        """Return the frustum whose pixel centers are the renderer's sampling points."""
         frustum = self.scene.frustum
         if (self.shift, self.fov, frustum.screen) == ((0.0, 0.0), (1.0, 1.0), None):
             return frustum
@@ -123,7 +123,7 @@ class Faulty:
             width, height = (2 * math.tan(angle / 2) for angle in frustum.fov)
             screen = Screen(height=-1.0, center=(aperture.x, aperture.y), size=(width, height))
         size = screen.size[0] * self.fov[0], screen.size[1] * self.fov[1]
-        # Behind the plate the film's u runs with the screen's x, in front of it against it.
+        # The film's u runs with the screen's x behind the plate, and against it before the plate.
         (right, down), sign = self.shift, math.copysign(1.0, -screen.height)
         columns, rows = frustum.resolution
         x = screen.center[0] + sign * right * size[0] / columns
@@ -134,5 +134,5 @@ class Faulty:
 def _arrays(
     image: HogelImage, change: Callable[[NDArray[Any]], NDArray[Any]] = np.asarray
 ) -> dict[str, Any]:
-    """Return the triangles, objects and colors of an image, perhaps changed."""
+    """Return the triangles, objects and colors of an image, optionally changed."""
     return {name: change(getattr(image, name)) for name in ("triangle", "object", "color")}

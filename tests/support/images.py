@@ -1,4 +1,4 @@
-"""Images held against each other bit for bit, and the pixels away from all edges."""
+"""Bitwise comparison of images, and pixels away from all edges."""
 
 from dataclasses import fields
 from typing import Any
@@ -10,9 +10,9 @@ from xfrustum.scenes.arrays import Mask
 
 
 def assert_same(first: Any, other: Any, *names: str) -> None:
-    """Assert that some attributes of two images, or all fields, have the same bits.
+    """Assert that some attributes of two images, by default all fields, are bit-identical.
 
-    A second opinion is compared by `overruled`, which reads it.
+    Second opinions are compared through `overruled`, which reads them.
     """
     every = (
         "overruled" if field.name == "second_opinion" else field.name for field in fields(first)
@@ -26,7 +26,7 @@ def assert_same(first: Any, other: Any, *names: str) -> None:
 
 
 def interior(image: HogelImage) -> Mask:
-    """Return the pixels that show the triangle of all eight neighbors, none at the border."""
+    """Return the pixels whose eight neighbors show the same triangle; none at the border."""
     height, width = image.triangle.shape
     shifted = [
         image.triangle[r : height - 2 + r, c : width - 2 + c] for r in range(3) for c in range(3)

@@ -1,7 +1,7 @@
 """The light model by its definition (CONVENTIONS.md, "Light"), in numpy and double precision.
 
-With the true eye vector and no flips, at the surface points that the cameras of the double frustum
-draw.
+The model uses the true eye vector and no flips, at surface points that the cameras of the double
+frustum draw.
 """
 
 import functools
@@ -50,7 +50,7 @@ def decoded(codes: Bytes) -> Floats:
 
 
 def bilinear(picture: Floats, x: Floats, y: Floats, *, wrap_rows: bool) -> Floats:
-    """Interpolate between texel centers; x and y are in texels. Columns, and perhaps rows, wrap."""
+    """Interpolate between texel centers, x and y in texels; columns wrap, and optionally rows."""
     rows, columns = picture.shape[:2]
     x, y = x - 0.5, y - 0.5
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -73,17 +73,18 @@ def environment_along(environment: Environment, direction: Floats) -> Floats:
 
 
 def interpolated(weight: Floats, values: Floats) -> Floats:
-    """Return values at the corners (N, 3, K) interpolated by weights (N, 3)."""
+    """Return values at corners (N, 3, K), interpolated with weights (N, 3)."""
     return np.asarray(np.einsum("nk,nki->ni", weight, values))
 
 
 def weights_on_triangles(
     scene: Scene, image: HogelImage, shift_px: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Floats, Floats]:
-    """Return corner weights (N, 3) and unit eye vectors (N, 3) of pixels that show a surface.
+    """Return corner weights (N, 3) and unit eye vectors (N, 3) of pixels with a surface.
 
-    Every pixel's line is its camera's line, stepped back by near: parallel to the true one.
-    Weights apply at points beside the pixels' centers, by columns and rows; eye vectors at centers.
+    Every pixel's line is the line of its camera, parallel to the true line and offset by near.
+    Weights apply at points offset from the pixels' centers by columns and rows; eye vectors, at
+    centers.
     """
     settings, camera = image.camera.settings, image.camera
     assert settings is None or settings.slabs == ()
@@ -91,7 +92,7 @@ def weights_on_triangles(
     offset = shift_px[0] * (lines[0, 1] - lines[0, 0]) + shift_px[1] * (lines[1, 0] - lines[0, 0])
     d = lines[image.covered] + offset
     corners = scene.triangles[image.triangle[image.covered]]
-    # C stands at z = +n on the shear through the aperture, C* at z = -n.
+    # C is at z = +n on the sheared axis through the aperture, C* at z = -n.
     near = 0.0 if settings is None else settings.near
     side = np.where(image.height[image.covered] > 0, -near, near)
     aperture = np.array([camera.aperture.x, camera.aperture.y, 0.0])
@@ -132,9 +133,9 @@ def normals_to_the_viewer(scene: Scene, triangle: Numbers, weight: Floats, eye: 
 def radiance_by_definition(
     scene: Scene, image: HogelImage, shift_px: tuple[float, float] = (0.0, 0.0)
 ) -> Floats:
-    """Return linear RGB (H, W, 3) of an image's surfaces, black where there are none.
+    """Return linear RGB (H, W, 3) of an image's surfaces, black where there is none.
 
-    Attributes may be evaluated at points beside the pixels' centers.
+    Attributes may be evaluated at points offset from the pixels' centers.
     """
     covered = image.covered
     triangle = image.triangle[covered]
@@ -167,8 +168,8 @@ def radiance_by_definition(
 def moved_by_snapping(scene: Scene, image: HogelImage, model: DeviceModel) -> Floats:
     """Return bounds (H, W, 3) of radiance errors from attributes at snapped vertices.
 
-    They are exact at a point within half a subpixel step of the pixel's center along each axis
-    (`Planes.varying`). A nearly linear function on that square changes most toward a corner.
+    Attributes are exact at some point within half a subpixel step of the pixel's center along each
+    axis (`Planes.varying`). A nearly linear function on this square changes most toward a corner.
     """
     exact = radiance_by_definition(scene, image)
     if not model.snaps_depth:
@@ -181,7 +182,7 @@ def moved_by_snapping(scene: Scene, image: HogelImage, model: DeviceModel) -> Fl
 
 @functools.cache
 def device_at_hand() -> DeviceModel:
-    """Return the model of the device that draws."""
+    """Return the model of the device in use."""
     with open_context() as context:
         model = model_of(describe(context))
     context.release()
@@ -189,7 +190,7 @@ def device_at_hand() -> DeviceModel:
 
 
 def patterned_environment(seed: int = 5, size: tuple[int, int] = (12, 7)) -> Environment:
-    """Return an environment without any symmetry, some of it brighter than one."""
+    """Return an environment without symmetry, with some radiances above 1."""
     generator = np.random.default_rng(seed)
     return Environment(
         radiance=generator.uniform(0, 2, (size[1], size[0], 3)).astype(np.float32), strength=0.8
@@ -197,7 +198,7 @@ def patterned_environment(seed: int = 5, size: tuple[int, int] = (12, 7)) -> Env
 
 
 def with_smooth_normals(part: SceneObject) -> SceneObject:
-    """Return an object with vertex normals, averages of adjoining faces by area."""
+    """Return an object with vertex normals: area-weighted means of adjoining faces."""
     corners = part.vertices[part.faces]
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.zeros_like(part.vertices)
@@ -207,13 +208,13 @@ def with_smooth_normals(part: SceneObject) -> SceneObject:
 
 
 def dressed(part: SceneObject, seed: int) -> SceneObject:
-    """Return an object with all attributes: mostly smooth, colored, textured twice."""
+    """Return an object with all attributes: mostly smooth, colored, with two textures."""
     generator = np.random.default_rng(seed)
     smooth = with_smooth_normals(part)
     normals = smooth.vertex_normals.copy()
     normals[generator.random(len(normals)) < 0.05] = np.nan
     colors = generator.uniform(0.2, 1.0, part.vertices.shape)
-    # The texture is projected from the side, so that a texel covers the pixels of a few triangles.
+    # The texture is projected from the side: a texel covers the pixels of a few triangles.
     uv = part.vertices[:, :2] * 0.11 + part.vertices[:, 2:] * [0.05, -0.03]
     textures = tuple(
         generator.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4))
@@ -231,7 +232,7 @@ def dressed(part: SceneObject, seed: int) -> SceneObject:
 
 
 def dressed_scene(name: str, resolution: tuple[int, int]) -> Scene:
-    """Return a built-in scene with all attributes on half the objects, lights, an environment."""
+    """Return a built-in scene with lights, environment, and all attributes on half the objects."""
     scene = view(name, resolution)
     objects = tuple(
         replace(part, material="shiny") if index % 3 == 2 else dressed(part, index)

@@ -1,7 +1,7 @@
-"""Commands under a limit on the size of files, as on a full disk, in a process of their own.
+"""Commands with a limit on file size, as on a full disk, in a separate process.
 
-Reads the limits and the command lines as JSON from standard input, runs each line under each limit
-in an empty folder, and prints what became of it as JSON. `run` starts it.
+The process reads limits and command lines as JSON from standard input. It runs each line with each
+limit in an empty folder, and prints the outcomes as JSON. `run` starts the process.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from xfrustum.cli.main import main
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The outcome of one command under one limit: hashes of the files that it left, by name."""
+    """Outcome of a command with a limit: hashes of the files that it left, by name."""
 
     limit: int
     status: int
@@ -30,7 +30,7 @@ class Outcome:
 
 
 def run(arguments: Sequence[str], limits: Sequence[int], folder: Path) -> list[Outcome]:
-    """Run a command that writes to the folder `out` below another one, once under each limit."""
+    """Run a command that writes to the folder `out` below a folder, once with each limit."""
     request = json.dumps({"arguments": list(arguments), "limits": list(limits)})
     program = [sys.executable, "-m", "tests.support.limited_disk", str(folder)]
     checkout = Path(__file__).resolve().parents[2]
@@ -41,7 +41,7 @@ def run(arguments: Sequence[str], limits: Sequence[int], folder: Path) -> list[O
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    """Return the hash of every file in a folder; folders count, for they are left over too."""
+    """Return the hash of every file in a folder; subfolders count, as they may be left over too."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         if path.is_file()
@@ -70,8 +70,7 @@ def _outcome(arguments: list[str], limit: int, folder: Path) -> Outcome:
 
 
 if __name__ == "__main__":
-    # Python does not notice that a compiled module was cut off, and could not import that module
-    # again.
+    # A truncated compiled module would go unnoticed, and could not be imported again.
     sys.dont_write_bytecode = True
     request = json.load(sys.stdin)
     outcomes = [

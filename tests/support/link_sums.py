@@ -13,7 +13,7 @@ from xfrustum.compare.prediction.reasons import Reason, chance
 
 @dataclass(frozen=True, kw_only=True)
 class LinkSum:
-    """Wrong surfaces charged to one link, summed over hogels; `reasons` concern the sum alone."""
+    """Wrong surfaces charged to a link, summed over hogels; `reasons` apply only to the sum."""
 
     name: str
     surface: int
@@ -22,18 +22,18 @@ class LinkSum:
 
     @property
     def ratio(self) -> float | None:
-        """Measured over predicted, None if nothing is predicted."""
+        """Measured over predicted; None if nothing is predicted."""
         return self.surface / self.predicted if self.predicted else None
 
 
 @dataclass(kw_only=True)
 class _Sum:
-    """The sum of one link so far."""
+    """The sum of a link so far."""
 
     surface: int = 0
     predicted: float = 0.0
     reasons: set[str | None] = field(default_factory=set)
-    #: standard deviations, by setting and the row or column of hogels
+    #: standard deviations, by setting and by row or column of hogels
     deviations: dict[object, float] = field(default_factory=lambda: defaultdict(float))
 
     def add(self, budget: Budget, surface: int, link: LinkPrediction) -> None:
@@ -64,10 +64,10 @@ class _Sum:
 def sums_by_link(budgets: Iterable[Budget]) -> tuple[LinkSum, ...]:
     """Sum measured and predicted wrong surfaces of each link over hogels and settings.
 
-    Few pixels in a hogel are no reason for a wrong sum: the sum has its own chance.
-    An edge parallel to the plate lies at the same place between two rows in all hogels of a row,
-    and between two columns in all of a column: their deviations add up. Deviations of other hogels
-    are independent.
+    Few pixels in a hogel do not excuse a wrong sum: the sum has its own standard deviation. An edge
+    parallel to the plate has the same place between two pixel rows in all hogels of a row, and
+    between two pixel columns in all hogels of a column: the deviations of these hogels add up.
+    Deviations of other hogels are independent.
     """
     sums: dict[str, _Sum] = defaultdict(_Sum)
     for budget in budgets:

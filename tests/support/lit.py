@@ -1,4 +1,4 @@
-"""Small scenes with light, for tests of shading and of light transport."""
+"""Small lit scenes for tests of shading and of light transport."""
 
 import math
 
@@ -22,7 +22,7 @@ FLOAT32 = 2.0**-24
 """Largest relative rounding of a color to float32."""
 
 ROUNDING = 4 * FLOAT32
-"""The rounding of the color, and formulas in doubles that are far below it."""
+"""Rounding of the color; the formulas in doubles round far less."""
 
 PLATE = Plate(size=(20.0, 16.0), hogels=(21, 17))
 REACH = (100.0, 120.0)
@@ -32,14 +32,14 @@ RECENTERED = Frustum(
     reach=REACH,
     screen=Screen(height=70.0, center=(4.0, -6.0), size=(80.0, 60.0)),
 )
-"""A recentered frustum, wider than high and off center on both axes."""
+"""Recentered frustum, wider than high, off center on both axes."""
 
 SUN = DirectionalLight(direction=(-2.0, 1.0, 2.0), color=(1.0, 0.8, 0.5))
 LAMP = DirectionalLight(direction=(1.0, -0.5, 0.4), color=(0.1, 0.3, 0.6))
-"""Two lights that no exchange of axes or channels makes equal."""
+"""Two lights that no exchange of axes or channels maps to each other."""
 
 GLOW = Material(ambient=(1.0, 1.0, 1.0), diffuse=(0.0, 0.0, 0.0))
-"""A material that shows its albedo, whatever the light."""
+"""Material that shows its albedo under any light."""
 
 
 def quad(
@@ -79,7 +79,7 @@ def ball(
     subdivisions: int = 4,
     smooth: bool = True,
 ) -> SceneObject:
-    """Return a sphere of triangles, with the normals of the true sphere at its vertices or flat."""
+    """Return a sphere of triangles, with true vertex normals or flat."""
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
     vertices = np.array(mesh.vertices)
     return SceneObject(
@@ -101,7 +101,7 @@ def lit(
     sampling: Sampling | None = None,
     **materials: Material,
 ) -> Scene:
-    """Return a scene of objects under lights; other arguments are its materials by name."""
+    """Return a scene of objects and lights; further arguments are materials by name."""
     return Scene(
         name="lit",
         plate=PLATE,
@@ -113,7 +113,7 @@ def lit(
 
 
 def sky(width: int = 64, height: int = 32) -> Environment:
-    """Return a smooth map of `sky_radiance`, which no symmetry leaves unchanged."""
+    """Return a smooth environment map of `sky_radiance`, without symmetry."""
     longitude = (np.arange(width) + 0.5) / width * 2 * math.pi - math.pi
     from_top = (np.arange(height) + 0.5) / height * math.pi
     down, around = np.meshgrid(from_top, longitude, indexing="ij")
@@ -124,7 +124,7 @@ def sky(width: int = 64, height: int = 32) -> Environment:
 
 
 def sky_radiance(directions: Floats) -> Floats:
-    """Return linear RGB of unit directions (..., 3): per channel, a linear function of x, y, z."""
+    """Return linear RGB of unit directions (..., 3): linear in x, y, z for each channel."""
     return np.asarray(
         1.0 + directions @ np.array([(0.5, 0.1, 0.0), (0.2, 0.5, -0.2), (-0.1, 0.2, 0.6)])
     )

@@ -1,4 +1,4 @@
-"""The long tail of a test of many cases: some run every time, all with the slow tests."""
+"""Tests of many cases: some cases run every time, all of them with the slow tests."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -8,7 +8,7 @@ from hypothesis import settings
 
 
 def examples(count: int) -> settings:
-    """Return settings with `count` tries, scaled as the profile scales hypothesis's default."""
+    """Return settings with `count` examples, scaled like hypothesis's default in the profile."""
     usual = settings.get_profile("xfrustum").max_examples
     return settings(
         max_examples=max(1, count * usual // settings.get_profile("default").max_examples)
@@ -16,16 +16,16 @@ def examples(count: int) -> settings:
 
 
 def thinned(cases: Iterable[Any], step: int, first: int = 0) -> list[Any]:
-    """Return cases as parameters: each `step`-th from `first` on runs every time, others are slow.
+    """Return cases as parameters: each `step`-th from `first` runs every time, others are slow.
 
-    With a step that has no common divisor with the lengths of the lists that a product was made of,
-    the cases that run every time go through all values of each list.
+    For a product of lists, choose a step that is coprime to the lengths of the lists: the cases
+    that run every time then include all values of each list.
     """
     return [_parameter(case, number % step == first) for number, case in enumerate(cases)]
 
 
 def kept(cases: Iterable[Any], every_time: Iterable[Any]) -> list[Any]:
-    """Return cases as parameters: those in `every_time` run every time, all others are slow."""
+    """Return cases as parameters: cases in `every_time` run every time, others are slow."""
     quick = list(every_time)
     return [_parameter(case, case in quick) for case in cases]
 

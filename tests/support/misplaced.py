@@ -1,8 +1,8 @@
-"""Pixels whose centers the triangles drawn there do not reach.
+"""Pixels whose centers lie outside the triangles drawn there.
 
 Surface points of the raster are computed on the drawn triangle, for the pixel's center
-(docs/adr/0005): this is the other half of the measurement, that the triangle was drawn where its
-camera puts it.
+(docs/adr/0005). This module completes the measurement: it tests whether the camera images the
+triangle at the pixel.
 """
 
 from xfrustum.compare.attribution.budget import drawing_cameras

@@ -1,4 +1,4 @@
-"""The view through offset cameras (`compare.eye.noticeable`): moved points, a moved scene."""
+"""The scene as offset cameras show it (`compare.eye.noticeable`): moved points, moved scenes."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 def replayed_points(
     points: Floats, frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, side: int
 ) -> Floats:
-    """Return P', crossings of the lines on which an aperture replays drawn points.
+    """Return P', the places at which an aperture replays drawn points.
 
     The points (N, 3), scene units, are all on one side of the plate or in it: `side` is 1 behind
     the plate, where C draws, and -1 before it. Where P' does not depend on the aperture, a viewer
@@ -30,18 +30,18 @@ def replayed_points(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MovedScene:
-    """The scene that a viewer sees: the moved halves, with the moved reach.
+    """The scene as a viewer sees it: the moved halves, with the moved reach.
 
-    Its surfaces have their objects' materials, and neither textures nor normals of vertices: it is
-    meant for comparing surfaces.
+    The scene serves to compare surfaces: it has the objects' materials, but neither textures nor
+    vertex normals.
     """
 
     scene: Scene
-    number: Indices  # (F,) number that each of its triangles has in the original scene
+    number: Indices  # (F,) original number of each triangle
 
 
 def moved_scene(scene: Scene, settings: DoubleFrustum) -> MovedScene:
-    """Return the scene whose true pictures are those that the cameras of some settings draw.
+    """Return the scene whose true pictures equal the pictures drawn with some settings.
 
     Triangles are cut at the plate and at the first cut, and their parts are moved along z.
 
@@ -74,14 +74,14 @@ def moved_scene(scene: Scene, settings: DoubleFrustum) -> MovedScene:
 def _moved(
     triangles: Floats, origin: Indices, frustum: Frustum, settings: DoubleFrustum
 ) -> tuple[Floats, Indices]:
-    """Return triangles that no cut crosses moved along z, in both directions if in the plate."""
+    """Return triangles that no cut crosses, moved along z; in the plate, moved both ways."""
     first = settings.slabs[0] if settings.slabs else np.inf
     behind, before = (np.asarray((sign * triangles[..., 2] >= 0).all(axis=1)) for sign in (-1, 1))
     halves = []
     for side, here in ((-1.0, behind), (1.0, before)):
         half = triangles[here].copy()
         distance = np.abs(half[..., 2])
-        # A triangle that ends at the first cut from beyond is not of the first slab.
+        # A triangle beyond the first cut that touches it is not in the first slab.
         inner: Mask = distance.max(axis=1, initial=0.0) <= first
         seen = replayed_distance(distance, frustum, settings)
         half[..., 2] = side * np.where(inner[:, None], seen, distance)
@@ -90,13 +90,13 @@ def _moved(
 
 
 def _cut(triangles: Floats, origin: Indices, height: float) -> tuple[Floats, Indices]:
-    """Return triangles cut in three by a height, which none then crosses, with source numbers."""
+    """Return triangles split in three at a height, and their source numbers."""
     above = triangles[..., 2] - height
     crossing: Mask = (above.max(axis=1, initial=0.0) > 0) & (above.min(axis=1, initial=0.0) < 0)
     if not crossing.any():
         return triangles, origin
     cut, upper = triangles[crossing], above[crossing] > 0
-    # Turn each triangle until its first corner is alone on its side of the cut.
+    # Rotate each triangle's corners so that the first is alone on its side of the cut.
     alone = np.where(upper.sum(axis=1) == 1, upper.argmax(axis=1), (~upper).argmax(axis=1))
     order = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(cut, order[:, :, None], axis=1), 1, 0)

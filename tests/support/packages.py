@@ -1,4 +1,4 @@
-"""Zip packages of meshes, written part by part: 3MF and 3DXML."""
+"""Zip packages of meshes for tests: 3MF and 3DXML, written part by part."""
 
 import io
 import zipfile
@@ -17,7 +17,7 @@ _START = (
 
 
 def zipped(parts: Mapping[str, str]) -> bytes:
-    """Return a zip archive of texts, the same every time."""
+    """Return a reproducible zip archive of texts."""
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in parts.items():
@@ -26,7 +26,7 @@ def zipped(parts: Mapping[str, str]) -> bytes:
 
 
 def threemf(model: str, parts: Mapping[str, str] | None = None, attributes: str = "") -> bytes:
-    """Return a 3MF file of the content of its root model, and of other parts."""
+    """Return a 3MF file with the content of its root model, and with other parts."""
     models = {"3D/3dmodel.model": model, **(parts or {})}
     spaces = f'xmlns="{CORE}" xmlns:p="{PRODUCTION}"'
     return zipped(
@@ -50,7 +50,7 @@ def mesh_xml(vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]
 def threedxml(
     representation: str, matrices: Sequence[str] = ("1 0 0 0 1 0 0 0 1 0 0 0",), more: str = ""
 ) -> bytes:
-    """Return a 3DXML file of two objects with five vertices, and its representation."""
+    """Return a 3DXML file of two objects with five vertices, and of its representation."""
     instances = "".join(
         f'<Instance3D id="{number}" name="i"><IsAggregatedBy>1</IsAggregatedBy>'
         f"<IsInstanceOf>2</IsInstanceOf>"

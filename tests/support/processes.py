@@ -1,4 +1,4 @@
-"""Child processes of tests, which answer signals however tests started; threads of kernels."""
+"""Child processes with default signal handling, and numbers of kernel threads."""
 
 import signal
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from importlib import import_module
 
 
 def signals_by_default() -> None:
-    """Undo inherited signal settings: ignored by background jobs, blocked by parents."""
+    """Undo inherited signal settings: signals ignored by background jobs or blocked by parents."""
     stops = (signal.SIGINT, signal.SIGTERM)
     for stop in stops:
         signal.signal(stop, signal.SIG_DFL)
@@ -16,7 +16,7 @@ def signals_by_default() -> None:
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Limit kernels to a number of threads: tests otherwise use one."""
+    """Run kernels on a number of threads; tests otherwise use one."""
     drjit = import_module("drjit")
     before = drjit.thread_count()
     drjit.set_thread_count(count)

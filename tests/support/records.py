@@ -1,4 +1,4 @@
-"""Records that commands print, checked against the JSON schemas of the package."""
+"""Printed records, checked against the JSON schemas of the package."""
 
 import json
 from functools import cache
@@ -13,12 +13,12 @@ from xfrustum.reports.schemas import schema_text
 
 @cache
 def validator(name: str) -> Any:
-    """Return the validator of a record."""
+    """Return the schema validator of a record."""
     return jsonschema.Draft202012Validator(json.loads(schema_text(name)))
 
 
 def problems(name: str, record: object) -> list[str]:
-    """Return the places where a record differs from its schema, each with the reason."""
+    """Return the places where a record violates its schema, with reasons."""
     return [
         f"{name}{error.json_path[1:]}: {error.message[:200]}"
         for error in validator(name).iter_errors(json_ready(record))
@@ -26,7 +26,7 @@ def problems(name: str, record: object) -> list[str]:
 
 
 def check_printed(record: object) -> None:
-    """Check the record of the command that runs, named like it: `bench-truth`, `device-replay`."""
+    """Check the record of the current command, named like `bench-truth` or `device-replay`."""
     context = click.get_current_context()
     name = "-".join(context.command_path.split()[1:])
     if name == "device":

@@ -1,4 +1,4 @@
-"""Random small scenes, many of them with exact coincidences, for hypothesis."""
+"""Random small scenes for hypothesis, many of them with exact coincidences."""
 
 import math
 
@@ -11,7 +11,7 @@ from xfrustum.scenes.arrays import Floats
 
 EIGHTHS = st.integers(-96, 96).map(lambda n: n / 8)
 ANYTHING = st.floats(-12, 12).map(lambda x: x if abs(x) > 2.0**-100 else 0.0)
-"""Coordinates for which no product underflows, so that bounds of rounding errors hold."""
+"""Coordinates without underflow in products, so that rounding bounds hold."""
 REACH = 12.0
 
 
@@ -26,11 +26,8 @@ def apertures() -> st.SearchStrategy[Aperture]:
 def frusta(draw: st.DrawFn, *, exact: bool = False) -> Frustum:
     """Return frusta, centered and recentered, with the screen on either side of the plate.
 
-    Parameters
-    ----------
-    exact
-        Whether all slopes are whole multiples of 1/64, so that nothing is rounded before a line
-        begins.
+    Parameters ---------- exact True for slopes that are multiples of 1/64, so that lines have no
+    rounding errors.
     """
     resolution = (draw(st.sampled_from([4, 8, 16])), draw(st.sampled_from([4, 8])))
     reach = (draw(st.sampled_from([REACH, 5.0])), draw(st.sampled_from([REACH, 7.0])))
@@ -62,16 +59,16 @@ def triangles(draw: st.DrawFn, *, coordinates: st.SearchStrategy[float] = EIGHTH
 
 @st.composite
 def near_misses(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
-    """Return triangles whose corners lie on lines but for the last bit: (F, 3, 3).
+    """Return triangles (F, 3, 3) whose corners lie on lines up to the last bit.
 
-    Lines pass their edges and corners, and surfaces each other, at a distance of about one
-    rounding, on either side: what floating point alone gets wrong.
+    Distances of lines from edges and corners, and of surfaces from each other, are about one
+    rounding, on either side: plain floating point gets these cases wrong.
     """
     line, s = st.integers(0, len(lines) - 1), st.sampled_from([-7.3, -3.1, -1.7, 0.6, 2.3, 3.9])
     on_a_line = st.builds(lambda n, s: tuple((center + s * lines[n]).tolist()), line, s)
     points = draw(st.lists(on_a_line, min_size=3, max_size=9, unique=True))
     for _ in range(draw(st.integers(0, 4))):
-        # A point on an edge or inside a triangle of an earlier round.
+        # A point on an edge or inside a triangle of an earlier round
         some = [points[draw(st.integers(0, len(points) - 1))] for _ in range(3)]
         share = draw(st.floats(0, 1))
         points.append(tuple((np.array(some[0]) * share + np.array(some[1]) * (1 - share)).tolist()))
@@ -82,7 +79,7 @@ def near_misses(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
 
 @st.composite
 def coincidences(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
-    """Return triangles whose corners repeat, lie exactly on lines, in one plane, or in the center.
+    """Return triangles with corners that repeat, or lie on lines, in one plane, or in the center.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Work in blocks that needs no renderer: each block is a few rows, and a log lists its makers."""
+"""Work in blocks without a renderer: blocks of a few rows; a log lists their processes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ToyRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ToyJob(Job):
-    """Blocks of a row each; `deadly` holds deaths of processes by block, block `bad` raises."""
+    """Blocks of a row each; `deadly` maps blocks to process deaths; block `bad` raises."""
 
     parts: ParquetParts
     seconds: float = 0.0
@@ -38,7 +38,7 @@ class ToyJob(Job):
 
     @classmethod
     def at(cls, out: Path, **behavior: Any) -> ToyJob:
-        """Return a job with its folder made."""
+        """Return a job, and create its folder."""
         job = cls(parts=ParquetParts(out=out, name="toy"), **behavior)
         job.parts.open({"numbers": len(NUMBERS)})
         return job
@@ -80,12 +80,12 @@ class ToySession:
 
 
 def process_of(session: ToySession) -> int:
-    """Answer in which process a session is open."""
+    """Return the process of an open session."""
     return os.getpid()
 
 
 def made(out: Path) -> list[tuple[int, int]]:
-    """Return number and process of every block that was made, in order."""
+    """Return number and process of every finished block, in order."""
     log = out / LOG
     lines = log.read_text().splitlines() if log.exists() else []
     return [(int(number), int(process)) for number, process in map(str.split, lines)]

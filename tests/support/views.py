@@ -1,4 +1,4 @@
-"""Scenes for tests: reduced ones, those beside the checkout, and those made of a few triangles."""
+"""Scenes for tests: reduced scenes, scenes beside the checkout, and loose triangles."""
 
 import math
 from dataclasses import replace
@@ -25,7 +25,7 @@ SHARED_SCENES = ("beetle", "bunny-transfer", "teapot-recentered", "truck")
 
 
 def view(name: str, resolution: tuple[int, int] | None = None) -> Scene:
-    """Open a built-in scene, or one of `SHARED_SCENES`, at some resolution; skip missing ones."""
+    """Open a built-in scene, or one of `SHARED_SCENES`, at some resolution; skip missing scenes."""
     if name in SHARED_SCENES:
         path = SHARED / "scenes" / f"{name}.toml"
         if not path.exists():
@@ -41,12 +41,12 @@ def view(name: str, resolution: tuple[int, int] | None = None) -> Scene:
 
 
 def reversed_d32f(near: float) -> DoubleFrustum:
-    """Return settings with reversed float depth, which has no depth errors that matter."""
+    """Return settings with reversed float depth, whose depth errors are negligible."""
     return DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
 
 def soup(triangles: Floats, frustum: Frustum, size: float = 16.0) -> Scene:
-    """Return a scene of loose triangles (F, 3, 3), all one object, about a plate of some size."""
+    """Return a scene of loose triangles (F, 3, 3) as one object, with a plate of some size."""
     part = SceneObject(
         name="soup",
         vertices=triangles.reshape(-1, 3),
@@ -61,12 +61,12 @@ def soup(triangles: Floats, frustum: Frustum, size: float = 16.0) -> Scene:
 
 
 def at(x: float, y: float) -> Aperture:
-    """Return an aperture at any place; its index means nothing."""
+    """Return an aperture at any place; its index has no meaning."""
     return Aperture(column=0, row=0, x=x, y=y)
 
 
 def lines_by_definition(scene: Scene, aperture: Aperture) -> Floats:
-    """Return d of every pixel, (H, W, 3), straight from CONVENTIONS.md, "Frames"."""
+    """Return the direction d of every pixel, (H, W, 3), by CONVENTIONS.md, "Frames"."""
     width, height = scene.frustum.resolution
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height

@@ -1,6 +1,6 @@
-"""Small scenes whose truths and rasters are made once per session and shared by all tests.
+"""Small scenes with truths and rasters that are made once per session and shared by tests.
 
-Images are read-only: a test that changes one copies its arrays (`dataclasses.replace`).
+Images are read-only: a test that changes an image copies its arrays (`dataclasses.replace`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Plate, Scene, o
 from xfrustum.scenes.files.exr import write_image
 
 HOGELS = (5, 4)
-"""Columns and rows of the plates: no symmetry maps one hogel onto another without showing."""
+"""Columns and rows of the plates: every symmetry that exchanges hogels becomes visible."""
 
 TINY = (
     named("tiny", "mm")
@@ -28,15 +28,15 @@ TINY = (
     + part("box", 20.0, (-6.0, 8.0, -40.0), rotate_deg=[25.0, 40.0, 10.0])
     + part("sphere", 14.0, (3.0, 6.0, 30.0))
 )
-"""A scene file: a torus across the plate, a box behind it, a sphere before it; no symmetry."""
+"""A scene file without symmetry: a torus across the plate, a box behind it, a sphere before it."""
 
 
 class World:
-    """A scene with its truths and its rasters, each made when first needed and then kept."""
+    """A scene with its truths and rasters, which are made when first needed and then kept."""
 
     def __init__(self, scene: Scene, folder: Path | None = None) -> None:
         self.scene = scene
-        self.near = 0.01 * scene.frustum.longest_reach  #: scene units: moves points by some pixels
+        self.near = 0.01 * scene.frustum.longest_reach  #: scene units: displaces by some pixels
         self._folder = folder
         self._truths: dict[Aperture, HogelImage] = {}
         self._rasters: dict[tuple[Aperture, DoubleFrustum], HogelImage] = {}
@@ -48,16 +48,16 @@ class World:
 
     @cached_property
     def rasterizer(self) -> Rasterizer:
-        """The rasterizer of the scene; it keeps its context until the process ends."""
+        """The rasterizer of the scene; its context exists until the process ends."""
         return Rasterizer(self.scene)
 
     @property
     def settings(self) -> DoubleFrustum:
-        """The usual settings: `near`, and a depth buffer without errors that matter."""
+        """The usual settings: `near`, and a depth buffer with negligible errors."""
         return reversed_d32f(self.near)
 
     def aperture(self, index: tuple[int, int] | None = None) -> Aperture:
-        """Return an aperture by column and row; by default the middle one."""
+        """Return an aperture by column and row, by default the middle one."""
         return self.scene.plate.middle if index is None else self.scene.plate.aperture(*index)
 
     def truth(self, index: tuple[int, int] | None = None) -> HogelImage:
@@ -78,12 +78,12 @@ class World:
 
     @property
     def scene_file(self) -> Path:
-        """The scene file, for commands; only `tiny` has one."""
+        """The scene file for commands; only `tiny` has one."""
         return Path(self.scene.source)
 
     @cached_property
     def truth_file(self) -> Path:
-        """The truth of the middle aperture as OpenEXR."""
+        """The true image of the middle aperture as OpenEXR."""
         return self._written(self.truth(), "truth.exr")
 
     @cached_property
@@ -102,13 +102,13 @@ class World:
 def world(
     name: str, resolution: tuple[int, int] = (64, 48), hogels: tuple[int, int] = HOGELS
 ) -> World:
-    """Return a built-in scene at a resolution, its plate divided into some hogels; made once."""
+    """Return a built-in scene at a resolution, with its plate divided into hogels; made once."""
     scene = view(name, resolution)
     return World(replace(scene, plate=Plate(size=scene.plate.size, hogels=hogels)))
 
 
 def tiny_world(folder: Path) -> World:
-    """Return the scene of `TINY`, its file and its images in a folder."""
+    """Return the scene of `TINY` with its file, and its images in a folder."""
     path = folder / "tiny.toml"
     path.write_text(TINY)
     return World(open_scene(path), folder)
