@@ -1,6 +1,7 @@
 """Chain from the truth to the raster, one change per link (docs/method.md, "The error budget")."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -47,6 +48,8 @@ class Chain(ShortRepr):
     device: DeviceModel  #: model of the device that drew R0 and R1
 
 
+# All hogels of a plate have the same settings.
+@lru_cache
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
     """Return the settings of T1 to T4, and of T5 with culling; each adds one change."""
     # The default fit is replaced by its explicit equivalent, so that settings without a change
@@ -66,6 +69,7 @@ def links_of(settings: DoubleFrustum) -> tuple[str, ...]:
     return (*LINKS[:RASTERIZATION], CULLING, *LINKS[RASTERIZATION:])
 
 
+@lru_cache
 def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
     """Return settings with `EXACT_DEPTH` and everything else unchanged."""
     return replace(settings, depth=EXACT_DEPTH[0], mapping=EXACT_DEPTH[1])

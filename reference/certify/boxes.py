@@ -103,8 +103,10 @@ def bounding_boxes(
     sides = [side for side in (1, -1) if side * bundle.s_range[side > 0] > 0]
     height = bundle.resolution[1]
     most = max(1, MAX_ROWS // height)
-    for start in range(0, len(triangles), most):
-        lane = dr.arange(UInt32, min(most, len(triangles) - start)) + dr.opaque(UInt32, start)
+    pencil = not isinstance(exact, NearbyLines)
+    numbers = triangles.before(bundle) if pencil else np.arange(len(triangles))
+    for start in range(0, len(numbers), most):
+        lane = on_device(numbers[start : start + most].astype(np.uint32))
         points = triangles.points(lane)
         corners = [difference(point, seen_from.center) for point in points]
         x, y, z = ([corner[axis] for corner in corners] for axis in range(3))
@@ -129,10 +131,10 @@ def bounding_boxes(
             boxed.append((box, turn, hit & ~in_doubt, hit & in_doubt))
         dr.eval(touching, *((*box, turn, *masks) for box, turn, *masks in boxed))
         for box, turn, known, doubtful in boxed:
-            all_boxes += chosen_boxes(start, box, known, turn)
-            all_boxes += chosen_boxes(start, box, doubtful, None)
+            all_boxes += chosen_boxes(lane, box, known, turn)
+            all_boxes += chosen_boxes(lane, box, doubtful, None)
         reached: Any = dr.compress(touching)
-        around = reached.numpy() + start
+        around = numbers[start + reached.numpy()]
         # The remaining triangles may contain the center; every line meets such a triangle. If the
         # center lies in a triangle's plane but outside the triangle, no line meets it. No line
         # meets a triangle without area.
@@ -262,13 +264,13 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
     return low, high
 
 
-def chosen_boxes(start: int, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
-    """Return the boxes of the chosen triangles, if any; `start` is the number of the first lane."""
+def chosen_boxes(lane: Any, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
+    """Return the boxes of the chosen triangles, if any; `lane` are the numbers of triangles."""
     kept: Any = dr.compress(chosen)
     if not dr.width(kept):
         return []
     taken = [dr.gather(Int32, values, kept) for values in box]
-    number = UInt32(kept) + dr.opaque(UInt32, start)
+    number = dr.gather(UInt32, lane, kept)
     turn = None if turn is None else dr.gather(Int32, turn, kept)
     dr.eval(number, *taken, turn)
     holds = None if turn is not None else dr.zeros(Bool, dr.width(kept))

@@ -37,7 +37,7 @@ from xfrustum.reference.backend import (
     recording,
 )
 from xfrustum.reference.lines.lines import RayBundle
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Indices
 
 #: largest relative error of one rounded operation in double precision, u
 UNIT_ROUNDOFF = 2.0**-53
@@ -50,6 +50,14 @@ ROUNDING = 12 * UNIT_ROUNDOFF
 #: its bound has an error of at most half a step, 2^-1075, whatever its size; this number covers all
 #: three.
 UNDERFLOW = 2.0**-1022
+
+#: Triangles of a run, which one box holds. Meshes list neighbors together: C and C* of the car's
+#: hogels are left with 0.30 and 0.05 of all triangles on average, 0.22 and 0.02 without runs.
+RUN = 32
+
+#: Widening of a film, relative to its steepest slope, in the test of boxes of runs: 2^32 times the
+#: rounding of the test
+RUN_MARGIN = 2.0**-20
 
 #: first and second corner of each edge of a triangle
 EDGES = ((0, 1), (1, 2), (2, 0))
@@ -71,9 +79,41 @@ class Triangles:
         """Largest absolute x, y and z of all corners, (3,)."""
         return np.asarray(np.abs(self.corners).max(axis=(0, 1), initial=0.0))
 
+    @cached_property
+    def _boxes_of_runs(self) -> tuple[Floats, Floats]:
+        """Smallest and largest coordinates of each run of triangles, (R, 3)."""
+        begins = np.arange(0, len(self.corners), RUN)
+        return (
+            np.minimum.reduceat(self.corners.min(axis=1), begins),
+            np.maximum.reduceat(self.corners.max(axis=1), begins),
+        )
+
     def __len__(self) -> int:
         """Return the number of triangles."""
         return len(self.corners)
+
+    def before(self, bundle: RayBundle) -> Indices:
+        """Return the ascending numbers of triangles but for runs that a bundle surely misses."""
+        if not len(self):
+            return np.zeros(0, dtype=np.int64)
+        low, high = (ends - bundle.center for ends in self._boxes_of_runs)
+        lowest, highest = low[:, 2], high[:, 2]
+        first, last = (RUN_MARGIN * abs(end) for end in bundle.s_range)
+        ranged = (highest >= -bundle.s_range[1] - last) & (lowest <= first - bundle.s_range[0])
+        met = np.zeros(len(low), dtype=np.bool_)
+        for side in (1, -1):
+            if side * bundle.s_range[side > 0] <= 0:
+                continue
+            # On this side of the center, at s = -z, lines keep x between (k - t) s and (k + t) s.
+            between = ranged.copy()
+            for axis, (k, t) in enumerate(zip(bundle.shear, bundle.half_extent, strict=True)):
+                wide = side * (t + RUN_MARGIN * (abs(k) + t))
+                for least, slope in ((low[:, axis], wide + k), (-high[:, axis], wide - k)):
+                    between &= least + np.minimum(slope * lowest, slope * highest) <= 0
+            met |= between
+        runs = np.flatnonzero(met)
+        numbers = (runs[:, None] * RUN + np.arange(RUN)).ravel()
+        return numbers[numbers < len(self)]
 
     def points(self, number: Any) -> list[list[Any]]:
         """Return the three corners of triangles by their numbers, each with three coordinates."""

@@ -224,9 +224,9 @@ class _ParallelFilm:
             known = abs(slope) > bound
             turn = dr.select(slope < 0, Int32(-1), Int32(1))
             dr.eval(box, hit, known, turn)
-            all_boxes += chosen_boxes(start, box, hit & known, turn)
+            all_boxes += chosen_boxes(lane, box, hit & known, turn)
             # A triangle seen edge-on covers nothing. If this is uncertain, its rows are not cut.
-            all_boxes += chosen_boxes(start, box, hit & ~known, None)
+            all_boxes += chosen_boxes(lane, box, hit & ~known, None)
         return all_boxes
 
     def edges(self, points: Sequence[Sequence[Any]]) -> tuple[list[list[Any]], list[list[Any]]]:
