@@ -34,7 +34,7 @@ from xfrustum.scenes.arrays import Mask
 SEEDS = 200  #: number of simulated surveys of each kind
 
 FAILURES = 0.05 + 3.1 * math.sqrt(0.05 * 0.95 / SEEDS)
-"""Share of them whose bounds may fail: a risk of 0.05 exceeds it in one test of 1000."""
+"""Largest share of surveys with failing bounds: a risk of 0.05 exceeds it in one test of 1000."""
 
 
 def plate(columns: int, rows: int) -> Plate:

@@ -37,7 +37,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.device_model import H100, safe_model
 
 STAYS_UNEXPLAINED = 0.9
-"""Smallest share of the wrong pixels that stays unexplained in a raster with a defect."""
+"""Smallest unexplained share of the wrong pixels in a raster image with a defect."""
 
 RESOLUTION = (512, 384)
 

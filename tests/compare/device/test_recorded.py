@@ -149,13 +149,13 @@ def test_the_card_shows_the_predicted_share_wrongly(
 
 
 COSINE_ROUNDINGS = 70
-"""Roundings of 2^-24 in the cosine of a highlight: 20 in the direction to the camera (3 in the
-place on the film, 12 in the pixel's line, 5 in its length), which the reflection doubles and adds
-18 to, one in each of light and normal, and 10 in the last product.
+"""Roundings of 2^-24 in the cosine of a highlight. The direction to the camera has 20: 3 in the
+place on the film, 12 in the pixel's line, 5 in its length. The reflection doubles them and adds 18.
+Light and normal have one each, and the last product 10.
 """
 
 LIGHT_ROUNDINGS = 16
-"""Roundings of 2^-24 in the light of a pixel without its highlights, relative to their sum."""
+"""Roundings of 2^-24 in the light of a pixel without its highlights, relative to the sum."""
 
 
 def test_colors_that_the_card_drew_are_those_of_the_definition() -> None:

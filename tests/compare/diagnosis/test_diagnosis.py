@@ -69,7 +69,7 @@ DEFECTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
     "missing": ({"front": False}, {"front-missing": "missing"}),
     "covered": ({"overlaid": False}, {"not-overlaid": "back over front"}),
 }
-"""Options of `Faulty`, and the defects that must be named, with their sizes, by case."""
+"""Options of `Faulty`, and the defects with sizes that must be named, by case."""
 
 # Largest errors of diagnosed sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near.
 EXACT = {"shift": 0.02, "fov": 5e-4, "pitch": 5e-4, "near": 0.02 * 1.5}
@@ -80,12 +80,12 @@ PAIRS = (
     *("fov pivot", "aspect fit", "aspect missing", "pitch near", "pitch pivot", "pitch covered"),
     *("near missing", "near covered", "pivot missing", "fit covered", "order fit"),
 )
-"""Defects that do not contradict each other."""
+"""Defects that can be combined."""
 
 SIZE = 48
 FEW = [(0, 0), (4, 1), (2, 3)]
 SOME = [*FEW, (1, 4), (3, 2)]
-"""Hogels in each column and in each row of the plate, once."""
+"""Hogels that include each column and each row of the plate once."""
 
 BESIDE = [(0, 0), (4, 3), (8, 6), (1, 5), (6, 1)]
 

@@ -35,18 +35,18 @@ MAX_DISPLACEMENT_PX = 0.5  # default limit of `verify`
 
 DISPLACED = {name for name in TOYS if name.startswith("moved")}
 DISPLACED |= {"rolled", "corners", "near", "fov", "half-angle", "square-film"}
-"""Renderers that show surfaces where they do not belong, most of them by more than a pixel."""
+"""Renderers that show surfaces in wrong places, most of them by more than a pixel."""
 
 QUICK = (
     *("attic-right-triangle-id", "attic-right-object-id", "attic-blue-red-object-id"),
     *("attic-right-rgb", "harbor-right-triangle-id"),
 )
-"""Cases that run every time; to register plain pictures takes seconds, numbers less."""
+"""Cases that run every time: registering plain pictures takes seconds, numbers take less."""
 
 NOT_YET_NAMED = {"front-flipped", "transposed", "gamma-for-srgb", "late"} | {
     "+".join(pair) for pair in PAIRS if "flat-normals" not in pair
 }
-"""Renderers that must not pass and get no false cause, but need not be named yet."""
+"""Renderers that must neither pass nor get a false cause, but need not be named yet."""
 
 ALL = [
     pytest.param(case, id=str(case), marks=() if str(case) in QUICK else (pytest.mark.slow,))

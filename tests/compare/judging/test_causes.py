@@ -29,9 +29,7 @@ FRUSTUM = Frustum(resolution=(SIZE, SIZE), reach=(50.0, 50.0), fov=(math.pi / 2,
 CENTER = at(0.3, -0.2)
 
 PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
-"""Places of the corners on the film, px from its left and upper border; one corner lies below the
-film.
-"""
+"""Corners on the film, px from its left and upper border; one corner lies below the film."""
 
 Pictures = tuple[Scene, RendererModel, HogelImage, HogelImage]
 

@@ -35,7 +35,7 @@ MODELS = {
     "front nearest": RendererModel(front=Front.NEAREST),
     "back farthest": RendererModel(back=Back.FARTHEST),
 }
-"""Renderers with one half missing, or with a depth test that is wrong."""
+"""Renderers with a missing half or a wrong depth test."""
 
 
 def scene_of(folder: Path, mesh: Path, resolution: tuple[int, int]) -> Scene:

@@ -299,7 +299,7 @@ def test_a_film_of_one_color_is_judged_by_its_colors_alone(tmp_path: Path) -> No
 # Rules
 
 PASS, FAIL, BLIND = (True, True), (True, False), (True, None)
-"""Two limits: kept, exceeded, or None where no verdict is possible."""
+"""Results for two limits: True (kept), False (exceeded), or None (no verdict)."""
 
 
 @pytest.mark.parametrize(

@@ -227,7 +227,7 @@ def test_a_channel_that_an_image_lacks_is_unknown_and_neither_right_nor_wrong(ca
 
 NEARS = (1e-1, 1e-3, 1e-6, 1e-8)  #: near offsets as fractions of the reach
 MOST_PX = 1e-3
-"""Largest 99th percentile of measured minus predicted displacement on meshes, px."""
+"""Limit of the 99th percentile of measured minus predicted displacement on meshes, px."""
 
 MESHES = [
     ("car", (40, 30)),

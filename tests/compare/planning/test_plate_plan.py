@@ -39,7 +39,7 @@ from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.library import builtin
 
 FINE = ("--depth=d32f", "--mapping=reversed")
-"""Depth buffer that orders everything here: the tests are about near."""
+"""Depth buffer that resolves all surfaces here: the tests concern near offsets."""
 
 REVERSED = ((DepthFormat.D32F, DepthMapping.REVERSED),)
 HOGELS = (9, 7)
@@ -279,7 +279,7 @@ SURVEYED = [
     *((name, 0.5) for name in (*builtin.names(), *SHAPES)),
     ("bunny-transfer", 2.0),
 ]
-"""Scenes and the tolerances of their plans."""
+"""Scenes with the tolerances of their plans."""
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ resolution = [64, 64]
 screen = { height = 600.0, center = [0.0, 0.0], size = [60.0, 60.0] }
 reach = [100.0, 100.0]
 """
-"""A plate whose screen, 60 mm wide, stands in the view zone."""
+"""Scene with a screen, 60 mm wide, in the view zone."""
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,7 @@ CELLS, CELL_PIXELS = 16, 4
 
 SETTINGS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
 PLACES = [(1.0, 3.0), (1.0, 400.0), (0.01, 3.0), (0.01, 50.0)]
-"""Near, and height |z| of the sheets: far from the near plane to 1e-5 of the reach before it."""
+"""Near offset, down to 1e-5 of the reach, and height |z| of the sheets."""
 FACTOR = 2.0
 
 
@@ -316,12 +316,12 @@ def test_the_draw_order_decides_equal_depths(
 
 
 NEARS = tuple(10.0**-e for e in (2, 2.5, 3, 3.5, 4, 5, 6, 7, 8))
-"""Near offsets as fractions of the reach."""
+"""Near offsets relative to the reach."""
 
 SNAPPED_SURFACE = 1e-4
-"""Vertices snap to 2^-8 px: along silhouettes, sqrt(2)/2 2^-8 px to either side are in doubt,
-a share of 0.0055 l / W for silhouettes of l image widths. Half of them flip; the car's are about
-7 widths long.
+"""Share of pixels that snapping makes wrong. Vertices snap to 2^-8 px: along silhouettes, sqrt(2)/2
+2^-8 px on either side are uncertain, a share of 0.0055 l / W for silhouettes of l image widths.
+Half of these pixels flip; the car's silhouettes are about 7 image widths long.
 """
 
 

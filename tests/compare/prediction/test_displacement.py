@@ -48,8 +48,8 @@ OPTIONS: tuple[dict[str, Any], ...] = (
 NEARS = (15.0, 1e-1, 1e-6)
 
 ROUNDING_PX = 1e-12
-"""The model projects each point through a camera of its own: differences of pixel numbers of up to
-some thousands, held by doubles to 2^-53 of that, times a dozen operations.
+"""Rounding of displacements. The model projects each point through a separate camera: pixel numbers
+of up to some thousands differ, each rounded to 2^-53 of itself by about a dozen operations.
 """
 
 

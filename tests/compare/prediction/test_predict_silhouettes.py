@@ -41,20 +41,20 @@ HEIGHT = 50.0
 AXIS = at(0.0, 0.0)
 
 STAIRS = 0.02
-"""Largest relative error of a contour's length. Where it leans by less than 1 in 4 its steps have
-normals up to 1/5 of a radian off; cosines of that are 2 % wrong at most.
+"""Largest relative error of a contour's length. Where a contour leans by less than 1 in 4, the
+normals of its steps are off by up to 1/5 of a radian; their cosines are at most 2 % wrong.
 """
 
 FACTOR = 2.0
-"""Largest ratio of the predicted to the measured error, and the reverse. A contour along pixel
-rows or columns changes whole rows of pixels at once: the measured error is a whole number of rows,
-the predicted error the mean over all places that the contour can have on the grid.
+"""Largest ratio of the predicted to the measured error, and the reverse. A contour along pixel rows
+or columns changes whole rows of pixels at once: the measured error is a whole number of rows. The
+predicted error is the mean over all positions of the contour on the grid.
 """
 ENOUGH_PIXELS = (
     40  #: smallest number of predicted or measured pixels that is compared: forty vary by 16 %
 )
 DISPLACED_PX = (0.1, 5.0)
-"""99th percentile of displacement, px, for which first order holds and enough pixels change."""
+"""99th percentiles of displacement, px, for which first order holds and enough pixels change."""
 
 
 def wrong_inside(truth: HogelImage, raster: HogelImage, reference: Reference) -> int:
@@ -197,8 +197,8 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
 
 
 ALONG_THE_GRID = {"grating"}
-"""Scenes in which all outlines run along the pixels' rows and columns: the prediction, a mean over
-all places of a contour on the grid, does not determine the one measured place.
+"""Scenes in which all outlines run along pixel rows and columns. The prediction is a mean over all
+positions of a contour on the grid, and does not determine a single measured position.
 """
 
 

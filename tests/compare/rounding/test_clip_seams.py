@@ -12,7 +12,7 @@ from xfrustum.scenes.arrays import Floats
 SIZE = 128
 STRAIGHT = (0.0, 0.0)
 ROUNDING_PX = 2e-9
-"""Largest difference between places, px: far above a dozen roundings of some hundred pixels."""
+"""Largest difference of places, px: far above a dozen roundings of a few hundred pixels."""
 
 
 def bundle(side: int, near: float = 0.1) -> RayBundle:

@@ -51,7 +51,7 @@ SQUARE = Frustum(
     reach=(8.0, 8.0),
     screen=Screen(height=-4.0, center=(0.0, 0.0), size=(8.0, 8.0)),
 )
-"""Slopes are the odd multiples of 1/8."""
+"""Film whose lines have the odd multiples of 1/8 as slopes."""
 
 
 def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[ExactRows, RayBundle]:
