@@ -40,7 +40,7 @@ def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
     assert () in {mutated_arguments(("scenes",), random.Random(number)) for number in range(1000)}
 
 
-def test_every_finding_is_found() -> None:
+def test_every_kind_of_finding_is_detected() -> None:
     fine: dict[str, Any] = {
         "status": 2,
         "errors": b"xfrustum: error: no\n",

@@ -31,9 +31,7 @@ def proposed(tracer: str) -> HogelImage:
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
-def test_a_tracers_own_picture_is_what_it_proposes_and_is_not_examined(
-    tracer: str, command: Command
-) -> None:
+def test_a_tracers_own_picture_has_its_proposals_unexamined(tracer: str, command: Command) -> None:
     answer = command(f"trace {HARD} --decided-by {tracer} --json --out a.exr").record
     assert answer["decided_by"] == tracer and answer["alone"] is None
     assert list(answer["certainty"]) == ["unexamined"]

@@ -69,7 +69,7 @@ def test_the_help_of_every_command_ends_with_an_example_of_it_that_parses(
     own.make_context(name, arguments)
 
 
-def test_the_list_of_commands_has_all_of_them_under_their_uses(command: Command) -> None:
+def test_the_list_groups_all_commands_by_use(command: Command) -> None:
     printed = command("--help").out
     assert all(f"\n{use}:\n" in printed for use in USES)
     assert set(MODULES) == {name for name in EXAMPLES if " " not in name}

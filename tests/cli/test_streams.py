@@ -41,7 +41,7 @@ LETTERS = st.one_of(st.integers(0, 0x2FF), st.integers(0, 0x10FFFF)).map(chr)
 
 
 @given(st.lists(LETTERS).map("".join))
-def test_what_is_printed_moves_no_cursor_and_turns_no_text(text: str) -> None:
+def test_printed_text_moves_no_cursor_and_reverses_no_text(text: str) -> None:
     shown = printable(text)
     assert not [letter for letter in shown if letter not in "\t\n" and ord(letter) < 0x20]
     assert not set(shown) & set("\x7f\x9b\u202e\u2066\u2028\u200b\udc80")
@@ -247,7 +247,7 @@ BODIES = {
         for n, (name, body) in enumerate(BODIES.items())
     ],
 )
-def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
+def test_a_signal_ends_the_command_even_if_its_exception_is_caught(
     body: str, stop: signal.Signals, times: int, tmp_path: Path
 ) -> None:
     with start(program(body), tmp_path) as process:
@@ -264,7 +264,7 @@ def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
     assert not (tmp_path / "x.exr").exists()
 
 
-def test_a_command_that_continues_states_it(tmp_path: Path) -> None:
+def test_a_resumed_command_reports_it(tmp_path: Path) -> None:
     line = ["plate", "hard/only-behind", "--near", "0.1", "--quiet", "--out", "x.zarr"]
     with start(["-m", "xfrustum", *line], tmp_path) as process:
         assert "hogels to draw" in process.stderr.readline()
@@ -306,9 +306,7 @@ MAKING = {
 
 
 @pytest.mark.parametrize("body", MAKING.values(), ids=MAKING)
-def test_a_signal_while_something_is_made_aside_leaves_nothing_of_it(
-    body: str, tmp_path: Path
-) -> None:
+def test_a_signal_removes_unfinished_outputs(body: str, tmp_path: Path) -> None:
     with start(program(body), tmp_path) as process:
         _, message = process.communicate(timeout=60)
     assert (process.returncode, message) == ENDED[signal.SIGTERM]

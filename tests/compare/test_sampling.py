@@ -117,7 +117,7 @@ def test_bounds_hold_wherever_a_survey_stops() -> None:
     assert wrong / SEEDS < FAILURES
 
 
-def test_the_risks_of_all_looks_add_up_to_what_is_allowed() -> None:
+def test_the_risks_of_all_looks_add_up_to_the_allowed_risk() -> None:
     assert sum(risk_of_claim(look=look) for look in range(100_000)) == pytest.approx(0.05, rel=1e-4)
     assert 3 * risk_of_claim(3) == pytest.approx(0.05) == 2 * risk_of_claim(look=0)
 
@@ -146,7 +146,7 @@ def test_fifty_nine_clean_hogels_bound_one_in_twenty_and_299_one_in_a_hundred() 
     hogels=st.integers(1, 80),
     seed=st.integers(0, 99),
 )
-def test_a_sample_is_seeded_and_spread_and_leaves_out_what_it_must(
+def test_a_sample_is_seeded_and_spread_and_omits_excluded_hogels(
     columns: int, rows: int, hogels: int, seed: int
 ) -> None:
     whole, sample = plate(columns, rows), RandomSample(hogels=hogels, seed=seed)
@@ -168,7 +168,7 @@ def test_a_sample_of_nothing_is_refused() -> None:
 
 
 @given(st.integers(1, 500), st.data())
-def test_bounds_lie_between_what_was_seen_and_what_is_possible(
+def test_bounds_lie_between_the_observed_and_the_largest_possible_share(
     hogels: int, data: st.DataObject
 ) -> None:
     judged = data.draw(st.integers(1, hogels))

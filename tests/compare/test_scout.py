@@ -58,7 +58,7 @@ def test_the_worst_aperture_lies_over_the_surface_nearest_to_the_plate(
     assert len(scout(small).looks) == 48
 
 
-def test_what_is_smaller_than_the_lattice_is_found_by_its_vertices(
+def test_surfaces_smaller_than_the_lattice_are_located_by_vertices(
     ball_behind_a_plate: Scene,
 ) -> None:
     """The ball is smaller than a hogel and lies between the points of the lattice."""
@@ -150,7 +150,7 @@ def test_the_middle_comes_first_and_each_other_one_is_the_worst_by_some_criterio
     assert chosen_of(both_sides, *alike).apertures == (middle,)
 
 
-def test_a_middle_that_sees_nothing_is_left_out_unless_nothing_is_seen_at_all(
+def test_an_empty_middle_is_left_out_unless_all_hogels_are_empty(
     both_sides: PlateScan,
 ) -> None:
     middle = both_sides.scene.plate.middle

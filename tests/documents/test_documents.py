@@ -119,7 +119,7 @@ def test_the_examples_of_names_run_one_after_the_other(
 
 
 @pytest.mark.slow
-def test_the_walk_of_one_pixel_ends_where_the_closed_form_says(
+def test_the_walk_of_one_pixel_ends_at_the_closed_form(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     text = (CHECKOUT / "docs" / "how-it-is-built.md").read_text(encoding="utf-8")

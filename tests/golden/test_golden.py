@@ -44,7 +44,7 @@ def test_rasters_are_those_of_the_corpus(step: int) -> None:
     assert (tally.differ, tally.gone) == ([], [])
 
 
-def test_a_changed_pixel_is_found() -> None:
+def test_a_changed_pixel_is_reported() -> None:
     old: dict[str, Any] = {"a|triangle": np.arange(12), "a|color": np.ones((2, 3), np.float32)}
     new: dict[str, Any] = {key: array.copy() for key, array in old.items()}
     assert compare_arrays(old, new).differ == []

@@ -65,7 +65,7 @@ def squares(numbers: Numbers) -> Numbers:
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_sheet_seen_from_behind_is_lost_and_what_lies_behind_it_shows(side: float) -> None:
+def test_a_culled_sheet_uncovers_the_surfaces_behind_it(side: float) -> None:
     """Pixels become empty exactly where the truth shows a back with nothing behind it.
 
     The nearer square shows its back; the farther one shows its front, and is half covered.

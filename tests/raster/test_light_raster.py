@@ -135,7 +135,7 @@ class TestFlips:
         assert (difference[front] > 5 * ONE_CODE).mean() > 0.1
         assert (difference[behind] == 0).all()
 
-    def test_with_all_undone_it_is_the_viewer_s_own_calculation(
+    def test_without_all_flips_the_light_is_computed_for_the_viewer(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """N, E and L with the true eye give mathematically the same light (paper, section 3)."""

@@ -117,7 +117,7 @@ def test_images_of_changing_formats_and_rasterizers_that_are_left_do_not_grow_th
     assert resident_mib() - before < 100
 
 
-def test_without_usable_opengl_the_command_says_what_to_install(tmp_path: Path) -> None:
+def test_without_usable_opengl_the_command_names_the_package_to_install(tmp_path: Path) -> None:
     environment = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}
     out = tmp_path / "image.exr"
     command = [

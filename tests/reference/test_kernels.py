@@ -59,7 +59,7 @@ def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
     np.testing.assert_allclose(result, expected, rtol=1e-10, atol=2.0**-900)
 
 
-def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
+def test_lookups_stay_inside_a_picture_at_any_place() -> None:
     """NaN places, as in pixels without a surface, must not index memory."""
     random = np.random.default_rng(2)
     pictures = tuple(

@@ -58,7 +58,7 @@ def wait_for_blocks(out: Path, count: int) -> None:
         time.sleep(0.02)
 
 
-def test_what_is_finished_stays_and_the_rest_is_made(
+def test_finished_blocks_stay_and_the_rest_is_made(
     tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     job = ToyJob.at(tmp_path)
@@ -248,7 +248,7 @@ def parts(tmp_path: Path) -> ParquetParts:
     return parts
 
 
-def test_a_part_is_read_as_it_was_written_by_us_and_by_others(parts: ParquetParts) -> None:
+def test_our_reader_and_pyarrow_return_a_part_as_written(parts: ParquetParts) -> None:
     assert parts.finished(0) and not parts.finished(1) and not parts.damaged(1)
     assert parts.read(0).equals(ROWS)
     assert pq.read_table(parts.folder).equals(ROWS)
@@ -272,7 +272,7 @@ def test_a_flipped_bit_of_a_part_is_noticed_or_changes_nothing(parts: ParquetPar
 
 
 @pytest.mark.parametrize("spoil", [lambda path: pq.write_table(ROWS, path), os.mkfifo])
-def test_what_is_no_part_is_damaged_and_replaced(
+def test_an_invalid_part_counts_as_damaged_and_is_replaced(
     spoil: Callable[[Path], object], parts: ParquetParts
 ) -> None:
     parts.path(0).unlink()

@@ -73,7 +73,7 @@ def test_without_a_plan_every_number_is_null(
     assert none["sentence"].startswith("No plan: sheets")
 
 
-def test_the_text_ends_in_a_command_that_draws_so(
+def test_the_text_ends_with_a_command_that_draws_as_planned(
     small_scene: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -191,7 +191,7 @@ def test_pictures_that_name_triangles_beyond_the_scene_are_refused(
     assert "names a triangle that the scene does not have" in capfd.readouterr().err
 
 
-def test_cameras_that_step_back_alike_open_a_gap_at_the_plate(
+def test_equal_offsets_of_both_cameras_open_a_gap_at_the_plate(
     folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for more, opened in (("--offset=plate", True), ("--offset=none", False)):

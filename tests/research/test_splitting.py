@@ -108,7 +108,7 @@ def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) 
         )
 
 
-def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> None:
+def test_splitting_off_empty_space_leaves_only_rounding(tiny: StudyFiles) -> None:
     """Cameras in the aperture draw points in place, up to the rounding of 32-bit positions."""
     cut = [row for row in tiny.rows if row.slabs]
     assert cut
@@ -142,7 +142,7 @@ def row_of(**changed: Any) -> Row:
         ({"offset": Offset.NONE, "nearest": 0.0009}, Suitability.BENT),
     ],
 )
-def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Suitability) -> None:
+def test_a_verdict_names_the_exceeded_limit(changed: dict[str, Any], expected: Suitability) -> None:
     assert suitability(row_of(**changed)) is expected
 
 
@@ -162,7 +162,7 @@ def test_the_fewest_slabs_that_are_enough_are_the_outcome_and_a_window_ends_at_i
 
 
 @pytest.mark.parametrize("buffer", FULL[1][0].buffers)
-def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: DepthBuffer) -> None:
+def test_the_least_near_orders_the_separation_and_half_of_it_does_not(buffer: DepthBuffer) -> None:
     near = least_near(buffer)
     hyperbolic = buffer[1] in {DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED}
     # Reversed float depth resolves the same share of any distance; depth that fragments write, at
@@ -174,7 +174,7 @@ def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: Dep
         assert 1 <= near * ASKED_SEPARATION * 2.0**bits < 6
 
 
-def test_what_was_measured_is_not_measured_again(
+def test_finished_measurements_are_not_repeated(
     tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(splitting, "compare_images", lambda *_: pytest.fail("measured again"))

@@ -97,7 +97,7 @@ SCENES = (*builtin.names(), *SHARED_SCENES)
         *(pytest.param(name, False, marks=pytest.mark.slow) for name in SCENES),
     ],
 )
-def test_nothing_is_left_unexplained_whatever_is_set(name: str, few: bool) -> None:
+def test_every_wrong_pixel_is_explained_with_all_settings(name: str, few: bool) -> None:
     """Vary all options and depth buffers, with n from 0.1 to 1e-8 of the reach."""
     kinds, first = every_kind(name), SCENES.index(name)
     assert len(kinds) == 24

@@ -44,7 +44,7 @@ RESOLUTION = (512, 384)
 
 @pytest.mark.parametrize("depth", [DepthFormat.D16, DepthFormat.D24])
 @pytest.mark.parametrize("name", thinned(["asymmetric", "asymmetric-recentered"], 2, 1))
-def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(
+def test_swaps_and_losses_of_fixed_point_depth_are_explained_by_depth(
     name: str, depth: DepthFormat
 ) -> None:
     scene = view(name, RESOLUTION)
@@ -158,7 +158,7 @@ class TestNegativeControls:
     ("name", "near", "factor"),
     [("car", 1e-1, 1.01), ("asymmetric", 1e-1, 1.03), ("asymmetric-recentered", 1e-1, 1.03)],
 )
-def test_a_wrong_near_stays_unexplained_where_it_moves_edges_at_all(
+def test_a_wrong_near_that_moves_edges_stays_unexplained(
     name: str, near: float, factor: float
 ) -> None:
     """At a much smaller near offset, the defect would move edges by less than rounding."""
@@ -183,7 +183,7 @@ def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple
     return list(disjoint.items())[:40]
 
 
-def test_a_picture_drawn_beside_its_camera_is_seen_as_misplaced(
+def test_a_picture_drawn_beside_its_camera_is_misplaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Surface points would not reveal the defect: they are computed on the drawn triangle."""

@@ -280,7 +280,7 @@ def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() ->
     scale=st.floats(0.7, 1.5),
     which=st.sampled_from(["aperture_offset", "scene_offset", "scene_scale"]),
 )
-def test_whatever_the_offset_its_interval_contains_it(
+def test_the_interval_of_any_offset_contains_it(
     x: float, z: float, scale: float, which: str
 ) -> None:
     scene = small(size=SIZE)

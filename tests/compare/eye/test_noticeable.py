@@ -88,7 +88,7 @@ def test_the_gap_changes_disparity_as_its_two_halves_do_and_nearer_surfaces_chan
 
 
 @given(st.floats(0.001, 20.0), st.floats(200.0, 2000.0), st.sampled_from(Pivot))
-def test_a_crack_is_what_rays_through_corners_see_between_the_halves(
+def test_a_crack_spans_the_gap_between_the_halves_seen_through_corners(
     near: float, distance: float, pivot: Pivot
 ) -> None:
     scene, settings = SCENES["car-recentered"], DoubleFrustum(near=near, pivot=pivot)
@@ -106,7 +106,7 @@ def test_a_crack_is_what_rays_through_corners_see_between_the_halves(
     assert result == pytest.approx(max(widths), rel=1e-9)
 
 
-def test_what_hides_a_crack_is_the_coarsest_of_eye_pitch_pixel_and_diffraction() -> None:
+def test_the_coarsest_of_eye_pitch_pixel_and_diffraction_hides_a_crack() -> None:
     display, viewer = Display.from_scene(SCENES["car"]), Viewer(distance=600.0)
     fine = replace(display, pitch=0.05, diffraction=0.0)
     pitch = display_limits(SCENES["car"], viewer).pitch_arcmin

@@ -146,7 +146,7 @@ def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_camera_orders_nothing_that_lies_behind_it(side: float) -> None:
+def test_a_camera_does_not_order_surfaces_behind_it(side: float) -> None:
     """Place two sheets before the plate and two behind it, a tenth of their height apart.
 
     C* draws the half before the plate, and C the half behind it. The matrix of the other camera

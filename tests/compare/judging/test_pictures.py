@@ -82,7 +82,7 @@ def verified(world: World, pattern: str, encoding: str, **options: Any) -> Verif
     return xfrustum.verify(world.scene, pattern, apertures=SOME, encoding=encoding, **options)
 
 
-def test_claims_of_nothing_that_exists_fail_whatever_the_limits(
+def test_claims_of_nonexistent_surfaces_fail_with_any_limits(
     tiny: World, stored: Callable[..., str]
 ) -> None:
     limits: dict[str, Any] = {"max_wrong": 1.0, "max_displacement_px": None}
@@ -202,7 +202,7 @@ def test_noise_has_no_outlines() -> None:
 
 
 @pytest.mark.parametrize("shift", [0, 1, 3])
-def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> None:
+def test_a_dim_outline_is_not_registered_with_a_strong_one_beside_it(shift: int) -> None:
     """Contrast peaks on a strong grid, six pixels beside the dim step, even if both are right."""
     gray = np.zeros((96, 96))
     gray[:, 44:] += 0.02

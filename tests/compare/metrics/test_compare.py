@@ -315,9 +315,7 @@ def beyond(factor: float) -> int:
 
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("near", [1.0, 2.0, 20.0])
-def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(
-    side: int, near: float
-) -> None:
+def test_a_displaced_wall_shows_points_from_outside_the_film(side: int, near: float) -> None:
     """u_r shows u_r (|z| + n)/|z|, which lies outside the film for |u_r| > |z|/(|z| + n)."""
     comparison = compared_wall(side, DoubleFrustum(near=near))
     assert (

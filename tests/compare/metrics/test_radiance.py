@@ -111,7 +111,7 @@ def test_false_alarms_occur_at_the_significance_level() -> None:
 
 
 @pytest.mark.parametrize("shift_in_errors", [6.0, 12.0, 24.0])
-def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(
+def test_a_shift_is_detected_as_often_as_the_noncentral_t_predicts(
     shift_in_errors: float,
 ) -> None:
     """The deviation of a shifted pixel follows the noncentral t distribution."""

@@ -108,9 +108,7 @@ def test_a_plan_with_cuts_holds_when_it_is_measured(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "near"), thinned([("hard/edge-on", 51.1), ("hard/steep", 2.18)], 2)
 )
-def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(
-    name: str, near: float
-) -> None:
+def test_surfaces_outside_the_film_limit_the_planned_near(name: str, near: float) -> None:
     """An offset camera images surfaces outside the film where |z| is less than n."""
     scene, requirement = open_scene(name), Requirement()
     wide = DoubleFrustum(near=near, slabs=(near,), depth=D16[0])
@@ -266,7 +264,7 @@ def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
     assert plans[0] == plans[1] == plans[2]
 
 
-def test_what_is_behind_the_plate_and_what_is_before_it_count_alike() -> None:
+def test_surfaces_behind_and_before_the_plate_count_equally() -> None:
     """Point reflection of tilted squares through the aperture exchanges C and C*."""
     scene, plans = view("empty", SMALL), []
     square = np.array([(-1.0, -1, 0.3), (1, -1, 0.1), (1, 1, -0.1), (-1, 1, 0.1)])

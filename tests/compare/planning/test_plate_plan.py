@@ -119,7 +119,7 @@ def tilted(aperture: Aperture) -> SceneObject:
     return SceneObject(name="tilted", vertices=corners, faces=np.array([(0, 1, 2), (0, 2, 3)]))
 
 
-def test_a_hogel_without_any_near_is_remembered_when_the_next_sample_lacks_it(
+def test_a_hogel_without_any_near_stays_infeasible_in_later_samples(
     near_ball: Scene, blind: PlateScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first sample has this hogel and one that joins the plan; the second has neither."""
@@ -289,7 +289,7 @@ SURVEYED = [
         for case in SURVEYED
     ],
 )
-def test_what_a_plan_promises_a_survey_confirms(name: str, tolerance_px: float) -> None:
+def test_a_survey_confirms_the_promises_of_a_plan(name: str, tolerance_px: float) -> None:
     trial = try_plan(opened(name, 96), 40, Requirement(tolerance_px=tolerance_px))
     if trial.survey is None:
         assert trial.reason.startswith("No plan")
@@ -299,7 +299,7 @@ def test_what_a_plan_promises_a_survey_confirms(name: str, tolerance_px: float) 
 
 
 @pytest.mark.slow
-def test_wrong_surfaces_count_whatever_displacement_says() -> None:
+def test_wrong_surfaces_count_whatever_the_displacement() -> None:
     """Even where displacement is below 20 px, over 1 % of all surfaces would be wrong."""
     scene = view("asymmetric", (96, 96))
     sample = RandomSample(hogels=8)

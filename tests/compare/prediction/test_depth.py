@@ -159,7 +159,7 @@ def test_the_chance_of_a_wrong_order_falls_from_a_half_to_a_percent_to_nothing(
     assert share(height, 0.0, settings) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_device_that_stores_either_step_orders_what_is_two_steps_apart() -> None:
+def test_a_device_that_stores_either_step_orders_surfaces_two_steps_apart() -> None:
     w, buffer = np.array([20.0]), (10.0, 60.0, DepthFormat.D16, DepthMapping.LINEAR)
     nearest = float(smallest_separation(w, *buffer)[0])
     assert nearest == pytest.approx(50 / 2**16, rel=0.01)  # a step; float32 rounds to 2^-8 of it
@@ -196,7 +196,7 @@ def test_a_sheet_at_a_cut_is_drawn_by_the_slab_that_does_not_lose_it(height: flo
     assert share(height, math.inf, settings) < 1e-6
 
 
-def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:
+def test_lost_surfaces_are_near_the_clear_value_of_their_camera() -> None:
     """C clears to far, where hyperbolic depth is dense; C* to near, where no surface is visible."""
     starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
     for mapping in (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED):
@@ -214,7 +214,7 @@ def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:
     assert share(-(w - near) * 1.001, math.inf, settings) > 0.999
 
 
-def test_only_what_is_drawn_and_judged_counts() -> None:
+def test_only_drawn_and_judged_surfaces_count() -> None:
     starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
     truth = level(-70.0)
     assert share(-70.0, np.inf, replace(starved, camera=Camera.C_STAR)) == 0

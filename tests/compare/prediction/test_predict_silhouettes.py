@@ -127,7 +127,7 @@ PLACED = itertools.product(SHEETS, (20, 165, 255), (0.31, -0.2), (False, True))
     ("front", "back", "turned", "edge", "single"),
     thinned(((*both, *rest) for both, *rest in PLACED), 11),
 )
-def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
+def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_predict_it(
     front: float, back: float, turned: float, edge: float, single: bool
 ) -> None:
     """A displaced edge, before and behind the plate, hides and uncovers the predicted area."""
@@ -162,7 +162,7 @@ def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
     assert wrong_pixels(silhouettes, DoubleFrustum(near=1.0), scene) == 0
 
 
-def test_what_no_camera_draws_is_wrong_pixel_by_pixel() -> None:
+def test_surfaces_that_no_camera_draws_are_wrong_pixel_by_pixel() -> None:
     scene = view("asymmetric", (128, 96))
     reference = Reference(scene)
     truth = reference.trace(scene.plate.middle)
@@ -230,7 +230,7 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
 
 
 @pytest.mark.parametrize("near", [15.0, 1.5])
-def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
+def test_pixels_that_two_contours_sweep_are_counted_once(near: float) -> None:
     """Each sheet is displaced by many times the distance between the sheets on the film."""
     scene = view("sheets", (128, 128))
     reference, settings = Reference(scene), DoubleFrustum(near=near)
@@ -246,7 +246,7 @@ def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
 @pytest.mark.parametrize(
     "options", [{"fit": 40.0}, {"slabs": (30.0,), "fit": Fit.ANGLE}, {"slabs": (40.0,)}]
 )
-def test_each_link_is_charged_with_what_stays_wrong_from_it_on(
+def test_each_link_is_charged_with_pixels_that_stay_wrong_after_it(
     name: str, options: dict[str, Any]
 ) -> None:
     """Predicted charges agree with pixel counts in the traced images of the chain."""

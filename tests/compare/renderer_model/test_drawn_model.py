@@ -28,7 +28,7 @@ def twice(radiance: Floats) -> Floats:
 @pytest.mark.parametrize(
     ("transfer", "written"), [(Transfer.DECODED, decoding_curve), (Transfer.TWICE, twice)]
 )
-def test_a_level_of_the_file_bounds_what_rounding_loses(
+def test_a_level_of_the_file_bounds_the_rounding(
     transfer: Transfer, written: Callable[[Floats], Floats]
 ) -> None:
     radiance = np.linspace(0, 1, 10_001)

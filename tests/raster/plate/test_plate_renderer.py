@@ -137,7 +137,7 @@ def test_surfaces_of_a_mean_are_those_that_the_middle_of_the_aperture_sees() -> 
     assert checked_one_by_one(scene, OPTIONS[0], some_apertures(scene)) > 0.02
 
 
-def test_what_cannot_be_drawn_is_refused() -> None:
+def test_undrawable_requests_are_refused() -> None:
     for request, near, record in (
         (view("asymmetric"), 1000.0, "near"),
         (view("asymmetric", (1 << 20, 4)), 0.1, r"smaller frustum\.resolution"),

@@ -50,7 +50,7 @@ def test_every_pixel_shows_the_first_surface_and_names_every_tie(
 
 @examples(30)
 @given(rounded_scenes())
-def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
+def test_every_pixel_is_exact_where_lines_miss_edges_by_one_rounding(
     request: tuple[Scene, Aperture],
 ) -> None:
     scene, aperture = request
@@ -62,7 +62,7 @@ def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
 
 @examples(20)
 @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
-def test_so_do_the_two_offset_cameras_overlaid(
+def test_every_pixel_of_two_overlaid_offset_cameras_is_exact(
     request: tuple[Scene, Aperture], near: float
 ) -> None:
     scene, aperture = request

@@ -106,7 +106,7 @@ def test_every_ray_takes_the_hogel_and_the_pixel_of_the_definition(name: str) ->
 @pytest.mark.parametrize(
     "name", kept(["crossing", "asymmetric", "asymmetric-recentered"], ["asymmetric"])
 )
-def test_rays_of_the_true_view_meet_what_brute_force_in_rationals_meets(name: str) -> None:
+def test_rays_of_the_true_view_agree_with_rational_brute_force(name: str) -> None:
     """Compare some rays with all triangles; pixels of the replayed view are compared above."""
     scene, eye = view(name, (64, 48)), replace(EYE, resolution=(120, 90))
     eyes = EyeReference(scene)

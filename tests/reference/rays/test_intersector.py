@@ -118,7 +118,7 @@ def test_points_are_finite_where_t_is_no_double(
     assert point == pytest.approx(np.array([[0, 0, size]]), rel=1e-15, abs=1e-15 * abs(start))
 
 
-def test_changes_of_the_mesh_count_and_copies_answer_alike(box: trimesh.Trimesh) -> None:
+def test_changes_of_the_mesh_take_effect_and_copies_agree(box: trimesh.Trimesh) -> None:
     below = [[0.2, 0.1, -2.0]]
     before = box.ray.first(below, UP)
     for other in (pickle.loads(pickle.dumps(box.ray)), copy.copy(box.ray), copy.deepcopy(box.ray)):

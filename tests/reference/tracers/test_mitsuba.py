@@ -35,7 +35,7 @@ class TestTracer:
     @pytest.mark.parametrize(
         "name", thinned(["car", "asymmetric-recentered", "crossing", "large-triangles"], 2, 1)
     )
-    def test_away_from_edges_a_tracer_meets_what_the_truth_shows(
+    def test_away_from_edges_a_tracer_meets_the_true_triangles(
         self, name: str, tracer: str
     ) -> None:
         scene = view(name, (160, 120))

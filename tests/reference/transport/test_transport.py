@@ -172,7 +172,7 @@ class TestShadows:
 
     @pytest.mark.parametrize("center", [(-3.0, 5.0, -55.0), (9.0, 0.0, 45.0), (0.0, 0.0, -1000.0)])
     @pytest.mark.parametrize("smooth", [False, True])
-    def test_what_is_convex_throws_none_on_itself(
+    def test_a_convex_surface_casts_no_shadow_on_itself(
         self, center: tuple[float, float, float], smooth: bool
     ) -> None:
         """A convex surface that faces the light is lit all over, however coarse its facets."""
@@ -261,7 +261,7 @@ class TestInterreflection:
         assert farthest(some, expected[often]) > FALSE_ALARM
         assert_mean(estimate, expected)
 
-    def test_a_mirror_shows_what_lies_in_the_mirrored_direction(self) -> None:
+    def test_a_mirror_shows_the_mirrored_direction(self) -> None:
         """The mirror shows the lamp or the environment along mirrored lines, without noise."""
         mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
         scene = self.under_the_triangle(mirror)

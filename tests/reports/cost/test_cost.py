@@ -115,7 +115,7 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
 
 
 @pytest.mark.parametrize("near_per_reach", [1e-1])
-def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach: float) -> None:
+def test_visibility_proven_by_the_truth_needs_no_second_ray(near_per_reach: float) -> None:
     scene = view("car-recentered", (80, 60))
     reference, settings = (
         Reference(scene),

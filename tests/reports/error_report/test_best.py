@@ -105,7 +105,7 @@ def test_the_worst_aperture_counts() -> None:
     assert "at the worst of 2 apertures (0,0)" in recommendation(rows, "mm", 150.0)
 
 
-def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_is_there() -> None:
+def test_even_a_certain_difference_below_1e_4_of_the_pixels_is_ignored() -> None:
     assert len(equally_good([judged(1e-3, 0), judged(2e-3, FEW)])) == 2
     assert is_worse(FEW + 10, 0)
     assert len(equally_good([judged(1e-3, 0), judged(2e-3, FEW + 10)])) == 1

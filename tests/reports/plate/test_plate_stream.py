@@ -95,7 +95,7 @@ def test_parts_of_a_job_array_make_the_plate_between_them(tmp_path: Path, clean:
     assert tree(tmp_path / "x.zarr") == tree(clean)
 
 
-def test_each_job_opens_the_store_as_it_is_by_then(plate: Path) -> None:
+def test_each_job_opens_the_current_state_of_the_store(plate: Path) -> None:
     def finished() -> tuple[bool, tuple[int, int]]:
         job = PlateJob(
             scene=small(), settings=SETTINGS, out=plate, arrays=arrays, options=PlateOptions()
@@ -166,7 +166,7 @@ def test_a_moved_scene_and_effects_that_change_no_pixel_are_gone_on_with(
     assert tree(plate) == tree(clean)
 
 
-def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
+def test_other_folders_and_files_are_left_untouched(tmp_path: Path) -> None:
     folder, file = tmp_path / "folder", tmp_path / "file"
     folder.mkdir()
     (folder / "mine.txt").write_text("mine")
@@ -290,7 +290,7 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 
 
-def test_what_killed_processes_left_is_removed_unless_another_writes(
+def test_files_of_killed_processes_are_removed_unless_another_writes(
     plate: Path, clean: Path
 ) -> None:
     left = (plate / SHARD["color"]).with_suffix(".5f.partial")

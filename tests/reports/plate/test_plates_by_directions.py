@@ -158,7 +158,7 @@ def test_two_processes_draw_the_same_bytes(clean: Path, tmp_path: Path) -> None:
     assert tree(tmp_path / "x.zarr") == tree(clean)
 
 
-def test_damaged_files_are_drawn_again_and_no_reader_takes_them_for_black(
+def test_damaged_files_are_redrawn_and_never_read_as_black(
     plate: Path, clean: Path, tmp_path: Path
 ) -> None:
     flipped(plate / SHARD["triangle"], 20)

@@ -88,7 +88,7 @@ def test_the_camera_of_any_hogel_is_the_rasterizers(whole: Path) -> None:
         camera_of(whole, 7, 0)
 
 
-def test_what_is_no_plate_has_neither_hogels_nor_cameras(tmp_path: Path) -> None:
+def test_a_folder_without_a_plate_has_neither_hogels_nor_cameras(tmp_path: Path) -> None:
     zarr.create_group(tmp_path / "other.zarr")
     attributes = {"xfrustum": {"plate": {"size": "x"}}}
     group = zarr.create_group(tmp_path / "damaged.zarr", attributes=attributes)

@@ -144,7 +144,7 @@ def test_samples_are_of_hogels_that_can_show_something(tmp_path: Path) -> None:
     assert (share["judged"], share["share_beyond_at_most"]) == (3, bound * seeing / 96)
 
 
-def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
+def test_an_interrupted_survey_resumes_to_the_same_bytes(
     whole: Path, scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = Path(shutil.copytree(whole, tmp_path / "survey"))
@@ -241,7 +241,7 @@ def test_limits_decide_the_exit_status(
         assert surveyed(scene_path, tmp_path / str(number), capsys, *more)["status"] == status
 
 
-def test_what_is_no_survey_is_refused(
+def test_image_files_and_missing_settings_are_refused(
     scene_path: Path, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["survey", str(scene_path), "--images", "x", "--out", str(tmp_path)]) == 2

@@ -178,7 +178,7 @@ SHIFT = Defect(
 
 
 @pytest.mark.parametrize(("left", "named"), [((0, 200), False), ((0, 20), False), ((0, 0), True)])
-def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
+def test_a_fault_is_named_where_its_correction_makes_every_hogel_right(
     left: tuple[int, int], named: bool
 ) -> None:
     """Two hogels have 100 wrong pixels each; after correction, some of the second's remain."""
@@ -199,7 +199,7 @@ def test_a_fault_is_named_where_every_hogel_is_right_when_it_is_corrected(
         assert "1 of 2 hogels do not pass: 1,0" in guess["words"]
 
 
-def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> None:
+def test_a_correction_that_leaves_no_judged_pixel_explains_nothing() -> None:
     result = verification({(0, 0): 100})
     (hogel,) = result.hogels
     assert hogel.as_found is not None
@@ -213,7 +213,7 @@ def test_a_correction_after_which_nothing_can_be_wrong_explains_nothing() -> Non
     assert not tested.diagnosis.guesses
 
 
-def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None:
+def test_the_page_of_a_failed_verification_maps_wrong_hogels() -> None:
     result = verification({(0, 0): 0, (1, 0): 30, (0, 1): 900, (1, 1): None})
     drawn = plate_map(result)
     assert drawn is not None
@@ -260,7 +260,7 @@ def test_every_fault_is_in_the_table() -> None:
     assert [name for name in (*known, *ENCODING_FAULTS) if f"`{name}`" not in text] == []
 
 
-def test_a_plain_picture_shows_what_is_not_black() -> None:
+def test_a_plain_picture_has_surfaces_where_it_is_not_black() -> None:
     """All colors of a picture are wrong except in its black corner."""
     scene, right = oblong(), RendererModel()
     reference = Reference(scene)

@@ -48,7 +48,7 @@ def points(bench: Scene) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("stored", [*STORED])
-def test_the_truth_is_right_however_exactly_it_is_stored_and_errors_are_not(
+def test_the_truth_passes_in_every_storage_and_errors_fail(
     bench: Scene, points: dict[str, Any], tmp_path: Path, stored: str
 ) -> None:
     kind, compression, nothing = STORED[stored]

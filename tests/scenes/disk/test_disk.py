@@ -55,7 +55,7 @@ def commit(out: Path, name: str, content: str) -> None:
         staging.commit()
 
 
-def test_links_stay_and_what_they_point_to_is_replaced(tmp_path: Path) -> None:
+def test_links_stay_and_their_targets_are_replaced(tmp_path: Path) -> None:
     (tmp_path / "far").mkdir()
     target = tmp_path / "far" / "target.xml"
     target.write_text("old")
@@ -109,7 +109,7 @@ def test_a_pipe_is_written_into(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert stat.S_ISFIFO(Path("pipe.exr").stat().st_mode)
 
 
-def test_standard_output_is_written_into_whatever_it_is(tmp_path: Path) -> None:
+def test_standard_output_of_any_kind_is_written(tmp_path: Path) -> None:
     """A file that receives standard output keeps all text, printed before and after."""
     (tmp_path / "link").symlink_to("/dev/stdout")
     names = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link"]
@@ -129,7 +129,7 @@ for name in sys.argv[1:]:
     assert (tmp_path / "log").read_text() == "before\ncontent\nafter\n" * len(names)
 
 
-def test_what_no_file_can_be_written_into_is_refused_in_one_line(
+def test_unwritable_targets_are_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -182,7 +182,7 @@ def test_only_files_with_our_prefix_are_removed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("made", [True, False])
-def test_a_folder_of_outputs_removes_what_was_left_there_and_beside_it(
+def test_a_folder_of_outputs_removes_leftovers_inside_and_beside_it(
     made: bool, tmp_path: Path
 ) -> None:
     for place in (tmp_path, tmp_path / "out")[: 1 + made]:
@@ -229,7 +229,7 @@ for number, folder in enumerate(sys.argv[1:]):
     assert set(contents) == {"", "xyz"}
 
 
-def test_nothing_has_its_name_before_it_is_on_the_disk(
+def test_a_file_gets_its_name_only_after_it_is_synced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The content is synced first and, after the renaming, the folder that lists the name."""

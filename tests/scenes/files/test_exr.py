@@ -142,7 +142,7 @@ def test_an_exception_between_bands_leaves_the_old_file_and_nothing_else(tmp_pat
     assert [p.name for p in tmp_path.iterdir()] == ["image.exr"]
 
 
-def test_a_foreign_image_takes_the_stated_camera_and_lacks_what_it_does_not_store(
+def test_a_foreign_image_gets_the_stated_camera_and_lacks_unstored_arrays(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "foreign.exr"

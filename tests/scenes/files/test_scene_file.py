@@ -139,9 +139,7 @@ def refusal(folder: Path, lines: dict[str, str]) -> str:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES.splitlines())
-def test_a_mistake_is_one_line_with_file_key_and_what_is_allowed(
-    tmp_path: Path, mistake: str
-) -> None:
+def test_a_mistake_is_one_line_with_file_key_and_valid_values(tmp_path: Path, mistake: str) -> None:
     line, *expected = mistake.split(" : ")
     key, _, value = line.partition(" =")
     # Sorted first: TOML errors state the line number.

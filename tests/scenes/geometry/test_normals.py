@@ -79,7 +79,7 @@ def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
     weights=st.tuples(st.floats(0, 1), st.floats(0, 1)),
     levels=st.integers(1, 3),
 )
-def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
+def test_refining_keeps_interpolated_attributes(
     normals: Floats, colors: Floats, weights: tuple[float, float], levels: int
 ) -> None:
     first, two = sorted(weights)

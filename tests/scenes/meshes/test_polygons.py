@@ -99,7 +99,7 @@ def test_ears_leave_no_corner_on_their_edges(ring: list[tuple[float, float]]) ->
     assert (crosses_of(points[cut(points)])[:, 2] > 0).all()
 
 
-def test_a_fan_that_is_right_stays_as_trimesh_numbers_it() -> None:
+def test_a_valid_fan_keeps_the_numbers_of_trimesh() -> None:
     assert cut(circle(7), [0, 1, 2, 3], [0, 1, 2, 3, 4], [2, 3, 4]).tolist() == [
         *([0, 1, 2], [2, 3, 0]),
         *([0, 1, 2], [0, 2, 3], [0, 3, 4]),

@@ -54,7 +54,7 @@ MEANT: dict[str, Callable[[Any], bool]] = {
 
 
 @pytest.mark.parametrize(("make", "good", "names"), MAKERS)
-def test_no_field_takes_what_it_cannot_mean(
+def test_every_field_refuses_meaningless_values(
     make: Callable[..., object], good: dict[str, Any], names: str
 ) -> None:
     make(**good)
@@ -85,7 +85,7 @@ def test_errors_state_the_valid_values(message: str) -> None:
             make(**{"near": 0.1} if make is DoubleFrustum else {}, **{name: value})
 
 
-def test_names_are_taken_as_on_the_command_line_and_refused_with_what_would_do() -> None:
+def test_names_are_accepted_as_on_the_command_line_and_refused_with_valid_ones() -> None:
     """A name equals the member of its enumeration; drawing code uses only members."""
     names: Any = {"depth": "d32f", "mapping": "reversed", "pivot": "camera", "fit": "screen"}
     named = DoubleFrustum(near=0.1, **names)
@@ -128,7 +128,7 @@ SCENE = Scene(name="s", plate=PLATE, frustum=FRUSTUM, objects=(SHEET,))
         (PlateContent, [], {"ids": "banana"}),
     ],
 )
-def test_functions_refuse_what_they_cannot_mean_too(
+def test_functions_refuse_meaningless_arguments_too(
     call: Callable[..., object], arguments: list[Any], options: dict[str, Any]
 ) -> None:
     with pytest.raises(InputError):

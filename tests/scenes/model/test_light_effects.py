@@ -161,7 +161,7 @@ def test_the_plan_lists_cameras_slabs_passes_samples_and_tracer() -> None:
     assert used == {*BASE, "reflection", "antialiasing", "band-limiting", "shadows"}
 
 
-def test_effects_state_what_bounds_the_errors_at_each_depth() -> None:
+def test_effects_state_the_binding_error_bounds_at_each_depth() -> None:
     """A sheet 5 behind the plate, an aperture of pitch 1, and 16 pixels over 1 radian."""
     plan = scene_effects(scene(), settings=DoubleFrustum(near=0.1))
     depths = plan.depths

@@ -197,7 +197,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_a_question_about_what_no_aperture_sees_is_refused_with_sizes(
+def test_a_scene_that_no_aperture_sees_is_refused_with_sizes(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -210,7 +210,7 @@ def test_a_question_about_what_no_aperture_sees_is_refused_with_sizes(
 
 
 @pytest.mark.parametrize("command", ["trace", "raster", "plate"])
-def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
+def test_a_black_picture_of_an_empty_hogel_is_right_with_a_warning(
     command: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -237,7 +237,7 @@ def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
     assert share == pytest.approx(100 / 6, abs=0.6)
 
 
-def test_built_in_scenes_are_seen_and_only_those_that_mean_it_leave_the_reach() -> None:
+def test_built_in_scenes_are_visible_and_leave_the_reach_only_on_purpose() -> None:
     for name in builtin.names():
         scene = open_scene(name)
         assert unseen_sentence(scene, scene.default_apertures()) is None
