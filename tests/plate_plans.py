@@ -44,7 +44,7 @@ SHAPES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A plan of a whole plate, and the survey with its settings; None if there is no plan."""
+    """Plan of a whole plate, and the survey with its settings; None without a plan."""
 
     plan: Plan | None
     survey: SettingStats | None
@@ -52,9 +52,10 @@ class Trial:
 
     @property
     def kept(self) -> bool:
-        """Return whether the survey does not refute the plan's promised share of hogels beyond.
+        """Return whether the survey permits the planned share of hogels beyond the tolerance.
 
-        The lower bound of that share, with `CONFIDENCE`, is by Clopper and Pearson (1934).
+        It does if the lower bound of the share, by Clopper and Pearson (1934), at `CONFIDENCE`, is
+        no larger.
         """
         assert self.plan is not None and self.plan.plate is not None and self.survey is not None
         beyond, judged = self.survey.beyond, self.survey.judged
@@ -63,7 +64,7 @@ class Trial:
 
 
 def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
-    """Plan for the plate of a scene, and survey hogels of it with the planned settings."""
+    """Plan a scene's plate, then survey some of its hogels with the planned settings."""
     made, surveyed = None, None
     try:
         report = plan(scene, None, requirement)
@@ -87,7 +88,7 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
 
 
 def opened(name: str, resolution: int) -> Scene:
-    """Return a built-in scene, one of `SHAPES`, or one beside the checkout, with a square film."""
+    """Return a built-in scene, a scene of `SHAPES`, or a shared scene, with a square film."""
     if name in SHAPES:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "scene.toml"

@@ -165,8 +165,8 @@ def test_a_wrong_pixel_fails_and_one_at_an_edge_does_not() -> None:
     pixels = judged(case, scene, truth, replace(truth, triangle=inside))
     assert pixels.unexplained == 1 and not pixels.within(case)
     assert judged(case, scene, truth, truth).wrong == 0
-    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels,
-    # and rarely within half a step of 1/256.
+    # Next to outlines each pixel shows its neighbor. Rounding explains this within half a step of a
+    # grid of whole pixels, and rarely within half a step of 1/256.
     moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
     fine = judged(case, scene, truth, moved, LLVMPIPE)
     coarse = judged(case, scene, truth, moved, replace(LLVMPIPE, subpixel_bits=0))
@@ -198,7 +198,7 @@ def test_radiance_above_one_counts_as_one_where_an_image_stores_integers() -> No
     assert np.array_equal(truth.color, np.where(covered, 3, 0))
 
     def wrong(image: HogelImage) -> list[int]:
-        """Return the counts of the suite and of `verify`."""
+        """Return the counts of wrong pixels by the suite and by `verify`."""
         return [
             judged(case, scene, truth, image).wrong,
             int(wrong_pixels(reference, RendererModel(), image)[0].sum()),

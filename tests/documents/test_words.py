@@ -1,4 +1,4 @@
-"""Words and columns of the rooms in `words.CLEAN`."""
+"""Words and line lengths of the rooms in `words.CLEAN`."""
 
 import pytest
 

@@ -40,7 +40,7 @@ class Outcome:
     status: int  #: exit status, or minus the number of the signal that ended the command
     errors: bytes  #: Text on standard error
     peak_bytes: int  #: Largest memory of the process, bytes
-    hung: bool  #: ended after `HANG_S`
+    hung: bool  #: whether the command was ended after `HANG_S`
     left: frozenset[str]  #: names of new files and folders at the top of the command's folder
 
 
@@ -67,7 +67,7 @@ def outcome_of(command: tuple[str, ...], files: Mapping[str, bytes]) -> Outcome:
 
 
 def _become(command: tuple[str, ...], folder: Path, logs: Path) -> None:
-    """Run a command in this process, which is the child, and end it."""
+    """Run a command in this child process, and end the process."""
     status = FORKED
     try:
         os.setsid()

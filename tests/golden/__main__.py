@@ -63,8 +63,8 @@ def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Difference
             tally.differ.append(f"{key}: shape {b.shape}, was {a.shape}")
             continue
         if a.dtype.kind == "f":
-            # Colors and points are sums of fewer than 8 rounded products of values up to the
-            # largest.
+            # Colors and points are sums of fewer than 8 rounded products, each at most the largest
+            # value.
             bound = 8 * SINGLE * max(float(np.nanmax(np.abs(a), initial=0)), 1e-30)
             wrong = ~(np.isclose(a, b, rtol=0, atol=bound, equal_nan=True))
         else:

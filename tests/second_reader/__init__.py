@@ -1,7 +1,8 @@
 """Second reader of mesh files, written from the formats' specifications, for tests only.
 
-It is slow and plain: one loop per rule. It shares no code with `xfrustum.scenes`, so that both
-readers have no common error. `python -m tests.second_reader FILE..` prints both readings.
+It is slow and plain: one loop per rule. It shares no code with `xfrustum.scenes`, so that an error
+of one reader does not recur in the other. `python -m tests.second_reader FILE..` prints both
+readings.
 """
 
 from collections.abc import Callable

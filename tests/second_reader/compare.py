@@ -22,7 +22,7 @@ from xfrustum.scenes.meshes.mesh_file import load_mesh
 class Side:
     """Figures of one reading, or its refusal."""
 
-    triangles: Floats | None = None  #: (F, 3, 3)
+    triangles: Floats | None = None  #: corners (F, 3, 3)
     refusal: str | None = None
 
     def __str__(self) -> str:

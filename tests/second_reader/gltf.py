@@ -20,7 +20,7 @@ from tests.second_reader.model import ROUNDING, Floats, Placement, Reading, Refu
 READ = ("KHR_mesh_quantization", "EXT_mesh_gpu_instancing", "KHR_node_visibility")
 LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
 COMPONENTS = {5120: "b", 5121: "B", 5122: "h", 5123: "H", 5125: "I", 5126: "f"}
-LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}  #: of normalized integers (3.11)
+LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}  #: of normalized integers, section 3.11
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
@@ -37,7 +37,7 @@ class _Document:
 
     def __init__(self, path: Path) -> None:
         self.folder, text, self.binary = path.parent, path.read_bytes(), b""
-        if text[:4] == b"glTF":  # 4.4
+        if text[:4] == b"glTF":  # binary container, section 4.4
             version, length = struct.unpack_from("<II", text, 4)
             if version != 2 or length > len(text):
                 raise Refused(f"GLB version {version} of {length} bytes")
@@ -182,7 +182,7 @@ class _Walk:
         if "indices" in primitive:
             order = [int(row[0]) for row in self.document.accessor(primitive["indices"])]
         for a, b, c in _triangles(mode, order):
-            mirrored = place.mirrors and skin is None  # 3.7.4
+            mirrored = place.mirrors and skin is None  # section 3.7.4
             self.reading.add(points, [a, c, b] if mirrored else [a, b, c])
 
     def _morphed(

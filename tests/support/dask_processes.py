@@ -1,4 +1,4 @@
-"""A Dask scheduler and workers as separate processes, on loopback."""
+"""Dask's scheduler and workers as separate processes on this machine."""
 
 import socket
 import subprocess

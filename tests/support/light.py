@@ -44,7 +44,7 @@ def unit(vectors: Floats) -> Floats:
 
 
 def decoded(codes: Bytes) -> Floats:
-    """Return linear RGB of sRGB by IEC 61966-2-1."""
+    """Return linear RGB for sRGB codes, by IEC 61966-2-1."""
     c = codes / 255.0
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 

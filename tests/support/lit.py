@@ -48,7 +48,7 @@ def quad(
     uv: ArrayLike | None = None,
     **attributes: ArrayLike,
 ) -> SceneObject:
-    """Return two triangles between four corners (4, 3), counterclockwise from their front."""
+    """Return two triangles that fill four corners (4, 3), counterclockwise seen from the front."""
     return SceneObject(
         name="quad",
         vertices=np.asarray(corners, dtype=np.float64),

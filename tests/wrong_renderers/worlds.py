@@ -14,7 +14,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """One object: its triangles and its material (linear RGB, Phong).
+    """An object: triangles and material (linear RGB, Phong).
 
     `hidden` objects are invisible: the ray caster skips them, but numbers their triangles.
     """

@@ -41,7 +41,7 @@ FULL_REACH = Content(before=(0.0, 150.0), behind=(0.0, 150.0), through=True)
 def slope_seen(
     scene: Scene, settings: DoubleFrustum, point: Floats, eye: tuple[float, float]
 ) -> float:
-    """Return the slope along x from an eye (x, height) to a replayed point, by apertures."""
+    """Return the slope along x from an eye (x, height) to a replayed point, found by iteration."""
     side = 1 if point[2] <= 0 else -1
     x = 0.0
     for _ in range(200):

@@ -165,7 +165,7 @@ def test_colors_decide_where_a_scene_is_shaded_after_surfaces_and_before_displac
 def test_the_paired_test_is_the_exact_one_of_a_coin(
     here: int, there: int, comparisons: int
 ) -> None:
-    """Each of many comparisons needs a higher confidence."""
+    """With many comparisons, each of them needs a higher confidence."""
     total = here + there
     by_chance = binomtest(here, total, alternative="greater").pvalue if total else 1.0
     certain = by_chance < (1 - CONFIDENCE) / comparisons

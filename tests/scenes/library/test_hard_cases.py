@@ -281,7 +281,7 @@ def all_triangles_at_vertices_and_edges(view: View) -> dict[str, Any]:
         sheet = (
             (column >= columns[0]) & (column <= columns[1]) & (row >= rows[0]) & (row <= rows[1])
         )
-        expected[sheet] = part  # without a crack
+        expected[sheet] = part  # without a crack in between
         across, down = (column - columns[0]) % hard.GRID_STEP, (row - rows[0]) % hard.GRID_STEP
         met = np.where((across == 0) | (down == 0) | (across == down), 2, 1)
         met[(across == 0) & (down == 0)] = 6
@@ -410,7 +410,7 @@ def needles_cover_exactly_the_pixel_centers_that_they_run_over(view: View) -> di
     expected = np.full_like(view.row, NOTHING)
     expected[4:61, 20] = 0
     expected[np.arange(4, 33), np.arange(30, 59)] = 2
-    expected[44, 4:61] = 3  # in front of the first
+    expected[44, 4:61] = 3  # in front of the first needle
     return {"triangle": expected, "tie": False}
 
 

@@ -470,7 +470,7 @@ def test_draco_gives_the_triangles_that_were_compressed(
     [primitive] = writer.tree["meshes"][0]["primitives"]
     primitive["extensions"] = {"KHR_draco_mesh_compression": compressed}
     writer.tree["extensionsRequired"] = ["KHR_draco_mesh_compression"]
-    step = 5 / 2**24  # of the longest side
+    step = 5 / 2**24  # 24 bits over the longest side
     np.testing.assert_allclose(corners(read(writer, tmp_path)), PLAIN, atol=step)
     with monkeypatch.context() as patched:
         patched.setitem(sys.modules, "DracoPy", None)

@@ -225,7 +225,7 @@ def test_a_texture_that_is_missing_or_damaged_is_named(
     written(tmp_path, "bad.png", "no picture")
     written(tmp_path, "empty.png", "")
     numbers = (0x20534444, 124, 0, 4, 4, *[0] * 14, 32, 4, 0x3F3F3F3F, *[0] * 10)
-    written(tmp_path, "strange.dds", struct.pack("<32I", *numbers))  # of compression "????"
+    written(tmp_path, "strange.dds", struct.pack("<32I", *numbers))  # compression "????"
     mesh = saved(tmp_path, LOST[warning])
     path = written(tmp_path, "a.toml", FILM + SCENE.format(mesh))
     [line] = open_scene(path).warnings

@@ -24,7 +24,7 @@ MIRRORED = (SOUP * [-1, 1, 2])[:, ::-1]
 
 
 def group(number: int, *components: str) -> str:
-    """Return an object of components."""
+    """Return an object that consists of components."""
     parts = "".join(f"<component {component}/>" for component in components)
     return f'<object id="{number}"><components>{parts}</components></object>'
 
