@@ -61,7 +61,7 @@ def test_every_json_object_that_a_command_prints_has_a_schema() -> None:
 
 def test_records_of_checks_and_benchmarks_keep_their_schemas(tiny: World, command: Command) -> None:
     for line in (
-        f"bench plate {tiny.scene_file} --repeat 1",
+        f"bench plate {tiny.scene_file} --resolution 8 --repeat 1",
         "selfcheck hard/closed-edges --quick",
     ):
         assert command(f"{line} --json --quiet").record

@@ -174,7 +174,7 @@ def test_geometry_passes_another_shading(centered: World) -> None:
         unnamed: dict[str, Any] = {"triangle": nothing, "object": nothing, "position": nowhere}
         return HogelImage(camera=image.camera, color=color, **unnamed)
 
-    options: dict[str, Any] = {"apertures": [(3, 1)], "compare": "geometry"}
+    options: dict[str, Any] = {"apertures": [(2, 2), (3, 1)], "compare": "geometry"}
     result = xfrustum.verify(centered.scene, renderer, **options)
     assert result.passed and result.summary()["compared"] == "geometry"
     assert "where outlines run" in result.judged
