@@ -108,13 +108,13 @@ def find_causes(
     expected: Surfaces,
     shown: Surfaces,
     pixels: Indices,
-    corner: tuple[int, int] = (0, 0),
+    place: tuple[int, int] | None = None,
 ) -> Causes:
     """Find the cause of every wrong pixel.
 
-    `pixels` (N,) are the flat numbers of the pixels at which the images differ; `corner` is the
-    place (column, row) of the images' first pixel on the cameras' films. `cameras` are all
-    cameras that may have drawn the picture of `triangles` (F, 3, 3). `expected` is the picture
+    `pixels` (N,) are the flat numbers of the pixels at which the images differ; `place` is the
+    column and row of all of them on the cameras' films, None where images are films. `cameras` are
+    all cameras that may have drawn the picture of `triangles` (F, 3, 3). `expected` is the picture
     without rounding, or with another depth buffer. Ties in it need no special case, because tied
     triangles meet at an edge or have equal depths. `shown` may hold triangle numbers that the scene
     does not have.
@@ -124,7 +124,7 @@ def find_causes(
         return Causes(shape=shape, pixels=pixels, heading=np.zeros(0, dtype=np.int8))
     rows, columns = np.divmod(pixels, shape[1])
     images = (expected, shown)
-    drawn = _drawn_by(triangles, cameras, images, pixels, corner)
+    drawn = _drawn_by(triangles, cameras, images, pixels, place)
     before, after = _marks(drawn, cameras, images, pixels)
     edge = (before.near_edge | after.near_edge) & _beside_likeness(expected, shown, (columns, rows))
     edge |= before.near_moved | after.near_moved | _near_border(cameras, (columns, rows))
@@ -163,7 +163,7 @@ def _drawn_by(
     cameras: Sequence[RoundingCamera],
     images: Sequence[Surfaces],
     pixels: Indices,
-    corner: tuple[int, int] = (0, 0),
+    place: tuple[int, int] | None = None,
 ) -> PixelTriangles:
     """Return the triangles at pixels (N,) that each camera may have drawn; at a cut, both cameras.
 
@@ -178,9 +178,10 @@ def _drawn_by(
         [camera.may_draw(image.height, pixels) for camera in cameras for image in images]
     )
     slots = np.flatnonzero(may_draw & np.tile(exists, len(cameras)))
-    places = (columns + corner[0], rows + corner[1])
+    if place is not None:
+        columns, rows = np.full_like(columns, place[0]), np.full_like(rows, place[1])
     # pyrefly: ignore [bad-argument-type] - indices of 32 bits serve as well, without a copy
-    return PixelTriangles.from_pixels(triangles, cameras, number, places, slots)
+    return PixelTriangles.from_pixels(triangles, cameras, number, (columns, rows), slots)
 
 
 def _marks(

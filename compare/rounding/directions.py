@@ -9,12 +9,12 @@ lines of the reference.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from xfrustum.compare.rounding.causes import Causes, find_causes
+from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import PlateFilm, Precision, RoundingCamera
 from xfrustum.raster.cameras.directions import direction_pass
 from xfrustum.reference import Reference
@@ -26,6 +26,9 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Frustum, Plate, PlateTile
+
+#: pixels explained at once, each by its own camera
+PIXELS_AT_ONCE = 64
 
 Pixel = tuple[int, int]  #: column and row of a pixel of every hogel, or of a hogel
 
@@ -66,28 +69,13 @@ def explain_direction(
     format.
     """
     camera = direction_camera(scene, truth.tile, truth.pixel, _precision(device, depth))
-    return _explained(scene, camera, (truth.triangle, triangle))
+    pixels = np.flatnonzero(truth.triangle != triangle)
+    expected, shown = _Shown(triangle=truth.triangle), _Shown(triangle=triangle)
+    return find_causes(scene.triangles, [camera], expected, shown, pixels)
 
 
 def _precision(device: DeviceModel, depth: DepthFormat) -> Precision:
     return Precision(device=device, depth=depth, mapping=DepthMapping.STANDARD)
-
-
-def _explained(
-    scene: Scene,
-    camera: RoundingCamera,
-    images: tuple[Numbers, Numbers],
-    pixels: Indices | None = None,
-    corner: Pixel = (0, 0),
-) -> Causes:
-    """Find causes in the true and the drawn triangles of a part of a film that begins at a corner.
-
-    `pixels` are the flat numbers of pixels of the part; None for all that differ.
-    """
-    expected, shown = (_Shown(triangle=triangle) for triangle in images)
-    if pixels is None:
-        pixels = np.flatnonzero(expected.triangle != shown.triangle)
-    return find_causes(scene.triangles, [camera], expected, shown, pixels, corner)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,27 +101,51 @@ class DirectionPlate:
         `images` are the true and the stored one. A camera has the film of the tile that was drawn,
         of which only the hogel and its neighbors are compared.
         """
-        triangles = [image.triangle for image in images]
         scene, index = reference.scene, images[0].camera.aperture.index
         tile, precision = self._tile_of(scene.plate, index), _precision(device, self.depth)
+        place = index[0] - tile.columns[0], index[1] - tile.rows[0]
+        true, drawn = (image.triangle.reshape(-1)[pixels] for image in images)
         heading = np.zeros(len(pixels), dtype=np.int8)
-        for place, number in enumerate(pixels.tolist()):
-            row, column = divmod(number, scene.frustum.resolution[0])
-            true, drawn = (triangle[row, column] for triangle in triangles)
-            # The neighbors count only where one of the images shows nothing.
-            part = _cut(tile, index, int((true == NOTHING) != (drawn == NOTHING)))
-            if part.size == (1, 1):
-                pair = np.array([[true]]), np.array([[drawn]])
-            else:
-                (view,) = reference.by_directions(
-                    part, [(column, row)], normals=False, colored=False
+        for start in range(0, len(pixels), PIXELS_AT_ONCE):
+            part = slice(start, start + PIXELS_AT_ONCE)
+            cameras = [
+                replace(
+                    direction_camera(scene, tile, _pixel(scene, number), precision), pixel=2 * k
                 )
-                pair = view.triangle, self.shown(part, (column, row))
-            camera = direction_camera(scene, tile, (column, row), precision)
-            corner = part.columns[0] - tile.columns[0], part.rows[0] - tile.rows[0]
-            here = part.rows.index(index[1]) * len(part.columns) + part.columns.index(index[0])
-            heading[place] = _explained(scene, camera, pair, np.array([here]), corner).heading[0]
-        return Causes(shape=triangles[0].shape, pixels=pixels, heading=heading)
+                for k, number in enumerate(pixels[part].tolist())
+            ]
+            # An empty pixel after each one in both images: all are beside likeness.
+            expected, shown = (
+                _Shown(
+                    triangle=np.stack((some, np.full_like(some, NOTHING)), axis=1).reshape(1, -1)
+                )
+                for some in (true[part], drawn[part])
+            )
+            own = 2 * np.arange(len(cameras))
+            causes = find_causes(scene.triangles, cameras, expected, shown, own, place)
+            heading[part] = causes.heading
+        # An edge counts where a neighboring hogel is covered, or empty, in both images.
+        edge = (heading == HEADINGS.index("edge")) & ((true == NOTHING) != (drawn == NOTHING))
+        for number in np.flatnonzero(edge).tolist():
+            pixel = _pixel(scene, int(pixels[number]))
+            camera = direction_camera(scene, tile, pixel, precision)
+            heading[number] = self._beside_others(reference, camera, (tile, index, pixel))
+        return Causes(shape=images[0].triangle.shape, pixels=pixels, heading=heading)
+
+    def _beside_others(
+        self, reference: Reference, camera: RoundingCamera, where: tuple[PlateTile, Pixel, Pixel]
+    ) -> int:
+        """Return the heading of a pixel of a hogel of a tile, compared with the hogels around."""
+        tile, index, pixel = where
+        part = _cut(tile, index)
+        (view,) = reference.by_directions(part, [pixel], normals=False, colored=False)
+        expected = _Shown(triangle=view.triangle)
+        shown = _Shown(triangle=self.shown(part, pixel))
+        here = part.rows.index(index[1]) * len(part.columns) + part.columns.index(index[0])
+        place = index[0] - tile.columns[0], index[1] - tile.rows[0]
+        triangles = reference.scene.triangles
+        causes = find_causes(triangles, [camera], expected, shown, np.array([here]), place)
+        return int(causes.heading[0])
 
     def _tile_of(self, plate: Plate, index: Pixel) -> PlateTile:
         """Return the tile of a hogel (column, row)."""
@@ -144,10 +156,16 @@ class DirectionPlate:
         return PlateTile(plate=plate, columns=columns, rows=rows)
 
 
-def _cut(tile: PlateTile, index: Pixel, around: int) -> PlateTile:
-    """Return a hogel (column, row) of a tile, with some hogels of the tile around it."""
+def _pixel(scene: Scene, number: int) -> Pixel:
+    """Return the column and row of a pixel by its flat number."""
+    row, column = divmod(number, scene.frustum.resolution[0])
+    return column, row
+
+
+def _cut(tile: PlateTile, index: Pixel) -> PlateTile:
+    """Return a hogel (column, row) of a tile, with the hogels of the tile around it."""
     columns, rows = (
-        range(max(at - around, cells.start), min(at + around + 1, cells.stop))
+        range(max(at - 1, cells.start), min(at + 2, cells.stop))
         for at, cells in zip(index, (tile.columns, tile.rows), strict=True)
     )
     return PlateTile(plate=tile.plate, columns=columns, rows=rows)

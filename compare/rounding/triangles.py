@@ -93,9 +93,13 @@ class RoundingCamera:
     #: Offset of the sampling points from the pixel centers, columns and rows, for a camera that may
     #: clip triangles at the borders of its film; None for a camera that does not clip there
     film_shift: tuple[float, float] | None = None
+    #: flat number of the only pixel that the camera draws; None for a camera of whole images
+    pixel: int | None = None
 
     def may_draw(self, height: NDArray[Any] | None, pixels: Indices) -> Mask:
         """Return the pixels (N,) that the camera may have drawn, by image heights (H, W)."""
+        if self.pixel is not None:
+            return np.asarray(pixels == self.pixel)
         if self.heights is None:
             return np.ones(len(pixels), dtype=np.bool_)
         assert height is not None, "several cameras draw by heights"
@@ -142,7 +146,7 @@ class FilmTriangles:
         assert len({(camera.precision, camera.bundle.resolution) for camera in cameras}) == 1
         bundles = [camera.bundle for camera in cameras if isinstance(camera.bundle, RayBundle)]
         if not bundles:
-            return cls._on_plate(corners, cameras)
+            return cls._on_plate(corners, cameras, drawn_by)
 
         def of_each(values: Sequence[Sequence[float]]) -> Floats:
             return np.array(values).take(drawn_by, axis=0)[:, None, :]
@@ -169,23 +173,25 @@ class FilmTriangles:
         )
 
     @classmethod
-    def _on_plate(cls, corners: Floats, cameras: Sequence[RoundingCamera]) -> FilmTriangles:
-        """Project corners (T, 3, 3) onto the plate, the film of the only camera."""
-        (camera,) = cameras
-        film = camera.bundle
-        assert isinstance(film, PlateFilm)
+    def _on_plate(
+        cls, corners: Floats, cameras: Sequence[RoundingCamera], drawn_by: Indices
+    ) -> FilmTriangles:
+        """Project corners (T, 3, 3) onto the plate, the film of all cameras."""
+        films = [camera.bundle for camera in cameras if isinstance(camera.bundle, PlateFilm)]
+        matrix = np.stack([film.film_from_scene.T for film in films]).take(drawn_by, axis=0)
+        ends = np.array([film.s_range for film in films]).take(drawn_by, axis=0)
         points = np.concatenate((corners, np.ones((*corners.shape[:2], 1))), axis=-1)
         rounding = CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING
         z, along = corners[..., 2], None
-        if film.parallel:
+        if films[0].parallel:
             # Clip depth is (first - z) / reach: float32 rounds each of the two terms.
-            along = np.stack((-z, rounding * (np.abs(z) + abs(film.s_range[0]))))
+            along = np.stack((-z, rounding * (np.abs(z) + np.abs(ends[:, :1]))))
         return cls(
-            precision=camera.precision,
-            resolution=film.resolution,
-            ends=np.repeat(np.array(film.s_range)[:, None], len(corners), axis=1),
-            vertices=points @ film.film_from_scene.T,
-            bound=rounding * (np.abs(points) @ np.abs(film.film_from_scene.T)),
+            precision=cameras[0].precision,
+            resolution=films[0].resolution,
+            ends=ends.T,
+            vertices=points @ matrix,
+            bound=rounding * (np.abs(points) @ np.abs(matrix)),
             along=along,
         )
 

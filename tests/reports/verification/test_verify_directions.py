@@ -17,6 +17,7 @@ from xfrustum import verify
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.judging.judged import Judging, judge
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
+from xfrustum.compare.rounding import directions
 from xfrustum.compare.rounding.causes import HEADINGS
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.directions import write_directions
@@ -109,6 +110,18 @@ def test_no_rounding_explains_defects(
     array: Any = zarr.open_group(other, mode="r+")["triangle"]
     array.with_config({"write_empty_chunks": True})[:] = defect(array[:])
     assert causes(small("asymmetric"), other, SOME)["unexplained"] > least
+
+
+def test_pixels_explained_together_have_their_own_cameras(
+    plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = Path(shutil.copytree(plate, tmp_path / "x.zarr"))
+    array: Any = zarr.open_group(other, mode="r+")["triangle"]
+    array[:] = np.roll(array[:], 1, axis=1)
+    together = causes(small("asymmetric"), other, SOME[:2])
+    monkeypatch.setattr(directions, "PIXELS_AT_ONCE", 1)
+    assert causes(small("asymmetric"), other, SOME[:2]) == together
+    assert together["edge"] > 10 < together["unexplained"]
 
 
 def test_the_depth_buffer_is_taken_from_the_description(tmp_path: Path) -> None:
