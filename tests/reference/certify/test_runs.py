@@ -29,7 +29,7 @@ def shown(points: Floats, bundle: RayBundle) -> Mask:
     film = (np.abs(column - (width - 1) / 2) <= width / 2) & (
         np.abs(row - (height - 1) / 2) <= height / 2
     )
-    return film & (s >= bundle.s_range[0]) & (s <= bundle.s_range[1])
+    return np.asarray(film & (s >= bundle.s_range[0]) & (s <= bundle.s_range[1]))
 
 
 def check(corners: Floats, bundle: RayBundle, random: np.random.Generator) -> float:
