@@ -380,10 +380,12 @@ class PlanReport(NotebookRepr):
         return f"{aligned(rows)}\nrounding by the model of {made.device_model}"
 
     def _said(self) -> str:
-        return self.sentence
+        # The whole answer has up to ten lines.
+        return self.sentence.partition(". ")[0].removesuffix(".") + "."
 
     def _facts(self) -> str:
-        return "" if self.plan.settings is None else self._errors()
+        answer = filled(self.sentence)
+        return answer if self.plan.settings is None else f"{answer}\n\n{self._errors()}"
 
 
 def filled(text: str) -> str:
