@@ -261,7 +261,7 @@ FREE_BOUNCES, MAX_CHANCE = 3, 0.95
 #: Logarithm below which a power is taken as zero: it is 1e-304, and float64 ends at 1e-308
 MIN_LOGARITHM = -700.0
 
-#: Largest number of bounces. Light scattered more often is left out: at albedo 0.9, 1e-6 of it.
+#: Largest number of bounces. Light scattered more often is left out: a share of 1e-6 at albedo 0.9
 MAX_BOUNCES = 128
 
 

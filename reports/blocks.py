@@ -496,7 +496,7 @@ class _Cluster(Workers):
 
     @property
     def count(self) -> int:  # type: ignore[override]  # it changes
-        """Number of threads that run tasks, one of each worker process."""
+        """Number of threads that run tasks; each worker process has one."""
         return sum(self._client.nthreads().values()) or 1
 
     def map(

@@ -32,7 +32,7 @@ RAYS = 160
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Exhibit:
-    """A mesh and rays (N, 3); `counted` compares numbers of places, not first triangles."""
+    """A mesh and rays (N, 3); `counted` compares counts of hit points, not first triangles."""
 
     name: str
     reports: str  #: issues of other projects that describe the failure

@@ -70,7 +70,7 @@ class Row(Cell):
     surface_fraction: float  #: share of the judged pixels with a wrong surface
     #: of the worst judged hogel; None by directions, where no near offset displaces a surface
     displacement_p99_px: float | None
-    seconds: float  #: of the whole plate, from a part
+    seconds: float  #: time of the whole plate, extrapolated from a part
     predicted_s: float  #: from passes over two other plates, timed in turns
 
 

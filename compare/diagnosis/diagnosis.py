@@ -101,7 +101,7 @@ class Diagnosis:
 
     @property
     def guesses(self) -> tuple[Defect, ...]:
-        """The defects of `does_not_explain` that explain more than 0 %, as printed."""
+        """Defects of `does_not_explain` whose share, rounded to whole percent, exceeds 0 %."""
         return tuple(
             defect for defect in self.does_not_explain if round(100 * (defect.explains or 0.0)) > 0
         )

@@ -192,7 +192,7 @@ def fit_geometry(
 
 
 def _determined(scene: Scene, groups: Sequence[str]) -> list[int]:
-    """Return the indices of those numbers of some groups that images determine.
+    """Return the indices of the parameters of `groups` that can be determined from images.
 
     Along an axis with a single pixel, images do not show the position of an outline on the film, so
     that the numbers of this axis are held fixed.
@@ -481,8 +481,9 @@ class _Search:
         """Return the start values of fits of some groups, from the starting points.
 
         Defects are translated between equivalent groups. The freest candidate always has a moved
-        scene in place of moved apertures. It may have another pitch in place of another scale. It
-        may divide the offset of the screen between the screen and the sampling point.
+        scene in place of moved apertures. It may have a changed aperture pitch in place of a
+        changed scene scale. It may divide the offset of the screen between the screen and the
+        sampling point.
         """
         nominal, index = self.nominal, _determined(self.scene, free)
         variants: dict[RendererModel, None] = {}

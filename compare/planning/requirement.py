@@ -131,7 +131,7 @@ class NearLimit:
 
     #: `STEREO` or `CRACK`
     name: str
-    #: three digits; None if every near is unnoticed, 0 where none is
+    #: scene units, three digits; None if the effect is unnoticed at every near, 0 if at none
     largest_near: float | None
     #: arc seconds of disparity, or arc minutes of a crack's width
     allowed: float

@@ -101,7 +101,7 @@ class Attempt:
 class Outcome:
     """Result of a search."""
 
-    #: whether any depth buffer orders the required separation with any cuts
+    #: whether some depth buffer resolves the required separation with some number of cuts
     able: bool
     #: depth buffers that are valid with the fewest cuts
     holding: int = 0
@@ -190,7 +190,7 @@ class Search:
         return max(separations)
 
     def _separation_in(self, buffer: DepthBuffer, camera: Camera, low: float, high: float) -> float:
-        """Return the smallest separation in a slab beyond the first; 0 in none."""
+        """Return the smallest separation in a slab beyond the first; 0 for an empty slab."""
         if low >= high:
             return 0.0
         # Cameras of all slabs except the first are in the aperture.

@@ -431,9 +431,8 @@ def _difference(
             assert_never(mapping)
 
 
-#: Differences, in steps, between which the probability of a wrong order falls from one to zero: for
-#: an unknown draw order, for another surface that is drawn later, and for one that is drawn
-#: earlier.
+#: Range of depth differences, in steps, over which the probability of a wrong order falls from one
+#: to zero: draw order unknown, other surface drawn later, other surface drawn earlier.
 _COIN, _LATER, _EARLIER = (-1, 1), (-1, 0), (0, 1)
 
 

@@ -53,7 +53,7 @@ MAX_THIN = 0.1
 def chance(pixels: float, together: float = 0.0) -> Reason | None:
     """Return the reason for a number of wrong pixels dominated by chance, or None.
 
-    Independent pixels have the variance of a Poisson number, `pixels`. Pixels along an edge in a
+    The number of independent pixels has the variance `pixels` (Poisson). Pixels along an edge in a
     row or column are not independent, and add the variance `together`. The factor of 3 is required
     of numbers whose relative variance is at most the variance of `MIN_PIXELS` independent pixels.
     """

@@ -243,7 +243,7 @@ class Silhouettes:
             settings: expected_wrong(_swept(steps, low, high), missing, self._judged)
             for settings, low, high in self._spans(chain)
         }
-        # A pixel is charged to the first link from which on it is wrong in all images of the chain.
+        # A pixel is charged to the first link whose image, like all later ones, is wrong there.
         return tuple(np.diff([wrong[settings] for settings in chain], prepend=0.0).tolist())
 
     def _spans(

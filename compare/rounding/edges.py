@@ -58,7 +58,7 @@ def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
 class Placement(NamedTuple):
     """Positions of pixel centers relative to the triangles drawn there, one triangle per pixel.
 
-    A center outside its triangle that is `possible` is always `near_edge` as well.
+    A `possible` center outside its triangle is always `near_edge` as well.
     """
 
     #: (N,) the center lies inside the triangle, or outside by no more than rounding can move an

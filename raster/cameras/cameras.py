@@ -211,7 +211,7 @@ class Pass:
     #: Culled faces in OpenGL's terms: `back` faces are turned away from the camera, `front` faces
     #: toward it; None if all faces are drawn
     culled_face: str | None
-    #: True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3)
+    #: True for C, False for C*, whose image is pseudoscopic (paper, section 3, figure 3)
     orthoscopic: bool
 
     @property

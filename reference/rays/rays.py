@@ -195,7 +195,7 @@ class ExactMesh:
 
     @cached_property
     def _embree(self) -> EmbreeMesh:
-        # Share vertices: the binding copies single numbers, which takes most of the time.
+        # Share vertices: the binding copies number by number, which takes most of the time.
         return EmbreeMesh(self._centered, self._faces)
 
     def first(self, rays: RayBatch) -> FirstHits:

@@ -95,7 +95,7 @@ class Rays:
             ends=ends,
             start=start,
             restart=restart,
-            # Roundings of the offset, of the product (at most as large), and of the sum.
+            # Roundings of the offset, of the product (no longer than the offset), and of the sum.
             slack=4 * UNIT_ROUNDOFF * (size + abs(restart)),
             far=far,
             missing=far | (dot(start, start) > BESIDE),

@@ -73,7 +73,7 @@ def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None 
 
 
 def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Callable[[], object]:
-    """Return a function that intersects rays (N, 3) on the device with a scene, and waits."""
+    """Return a function that intersects rays (N, 3) with a scene on the device, synchronously."""
     mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
     scale = unit_scale(scene.vertices)
     loaded = robust_scene(scene, scale)

@@ -81,7 +81,7 @@ class Verdict:
     cause: str | None = None
     #: sentences about the failure
     words: tuple[str, ...] = ()
-    #: other defects that explain the same images, by defect; the whole level decides (`agreed`)
+    #: equivalent defects, by named defect; `agreed` chooses the most frequent one of the level
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     #: judged hogels, >= 0
     hogels: int = 0

@@ -274,7 +274,7 @@ def _rows(
     for look, blocks in enumerate(looks):
         if not all(map(job.finished, blocks)):
             return None
-        # Replace text by hogels at once, because the text of millions of hogels is large.
+        # Parse each block before reading the next: the text of millions of hogels is large.
         rows += [
             row | {"found": _HOGEL.validate_json(row["found"])}
             for block in blocks

@@ -50,7 +50,7 @@ class VerifyOptions:
     max_displacement_px: float | None = TOLERANCE_PX
     #: largest difference of linear radiance of a right color; None: `COLOR_TOLERANCE`
     max_color: float | None = None
-    #: property of plain pictures: `color`, or `geometry`: shown pixels and outlines
+    #: compared property of plain pictures: `color`, or `geometry` (shown pixels and outlines)
     compare: Compared | str = Compared.COLOR
     #: model of the machine that drew; None: any
     device: DeviceModel | None = None

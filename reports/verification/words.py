@@ -138,7 +138,7 @@ def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
 
 
 def witnesses(diagnosis: Diagnosis) -> str:
-    """Return the evidence that does not exclude alternatives."""
+    """Return the name of the evidence of a diagnosis, for the sentence about alternatives."""
     basis = diagnosis.evidence.basis
     return str(basis) if basis in (Basis.COLORS, Basis.OBJECTS) else "images"
 

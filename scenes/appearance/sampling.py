@@ -40,7 +40,7 @@ class Sampling:
 class Transport:
     """Shadows and interreflection, by light paths; InputError for values out of range."""
 
-    shadows: bool = False  #: whether surfaces hide lights from each other
+    shadows: bool = False  #: whether surfaces cast shadows on each other
     interreflection: bool = False  #: whether surfaces light each other
     samples: int = 64  #: light paths per pixel
 

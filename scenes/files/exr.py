@@ -300,7 +300,7 @@ def read_image(
 def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mask:
     """Return the pixels (H, W) that show no surface.
 
-    If the file has numbers, they are used. Otherwise a position means no surface if it is not
+    Triangle or object numbers decide, if stored. Otherwise a position means no surface if it is not
     finite, 0 in all coordinates, or at least `FAR` in one coordinate: many renderers store such
     values. A surface point at the origin is not lost: the origin is in the plate, where a true
     hogel shows only the center of its own aperture.
@@ -380,7 +380,7 @@ def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles
 
 
 def _numbers(path: Path, name: str, read: ReadPlanes) -> Numbers:
-    """Return numbers from a channel of numbers plus one, which may be of a float type."""
+    """Return numbers from a channel that stores number + 1 as integers or floats."""
     plane = read.planes.get(name)
     if plane is None:
         return np.full(read.header.size[::-1], NOTHING, np.int32)

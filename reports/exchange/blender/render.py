@@ -110,7 +110,7 @@ def film(plate: Mapping[str, Any], center: tuple[float, float]) -> tuple[list[fl
     screen = plate["screen"]
     if screen is None:
         return [0.0, 0.0], [math.tan(angle / 2) for angle in plate["fov"]]
-    # Slopes are per unit of depth behind the plate, where the ray starts.
+    # Rays start in the plate; slopes are per unit of depth behind it.
     behind = -screen["height"]
     shear = [
         (middle - place) / behind for middle, place in zip(screen["center"], center, strict=True)

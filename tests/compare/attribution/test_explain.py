@@ -109,7 +109,7 @@ class TestNegativeControls:
     def test_with_four_subpixel_bits_all_but_what_lies_beside_edges_by_chance(
         self, case: Case
     ) -> None:
-        """With 4 subpixel bits a share of 0.9 is out of reach: edges may move by 2^-4.5 px.
+        """With 4 subpixel bits, edges may move 2^-4.5 px: under 90 % of pixels stay unexplained.
 
         A picture shifted by a pixel is wrong where an edge passes within a pixel of the center,
         along the shift. Let n be the component of the edge's unit normal along the shift. The edge

@@ -29,7 +29,8 @@ from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 from xfrustum.scenes.plate.plate import PlateTile
 
-#: Hogels of a shard, and memory for 14 hogels: two tiles of two rows
+#: Columns and rows of hogels in a shard; memory for 14 hogels, bytes, which makes two
+#: tiles of two rows
 BLOCK, LITTLE = (3, 2), 12_500
 BOTH = PlateContent(color=ColorType.FLOAT32, ids=True)
 D24 = DepthFormat.D24
