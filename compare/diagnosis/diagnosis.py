@@ -55,6 +55,9 @@ MAX_CAMERA_DEFECTS = 2
 TRIED_VIEW_SHEARS, FINER_STEPS = np.geomspace(0.4, 2.5, 185), np.linspace(-0.015, 0.015, 61)
 VIEW_SHEAR_CAP_PX = 4.0
 
+# Numbers along both axes that look like a wrong shear in a single aperture.
+MOVED_BY_SHEARS = ("screen-center", "back-shift", "front-shift")
+
 
 class Basis(StrEnum):
     """Method of a diagnosis."""
@@ -364,9 +367,9 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
         model = next(filter(test.explains, sheared), model)
     if test.explains(model):
         others = [*fit.alternatives, *others, *equivalents(test, model, by_depth=fit.by_color)]
-        # A wrong shear is one mistake, a screen moved by as much along both axes is two.
+        # A wrong shear is one mistake; a screen or film moved by as much along both axes is two.
         faults = {defect.fault for defect in _named(test, replace(fit, model=model))}
-        moved = {"screen-center-x", "screen-center-y"} <= faults
+        moved = any({f"{name}-x", f"{name}-y"} <= faults for name in MOVED_BY_SHEARS)
         best = next((other for other in others if moved and other.recentering in shears), None)
         if best is None:
             return replace(fit, model=model, alternatives=tuple(others))

@@ -351,7 +351,8 @@ def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererMo
     """Yield candidates that may show the same images as a wrong shear or a moved screen.
 
     If all visible surfaces are on one side of the plate, images contain nothing of the other
-    camera. In a single aperture, a missing or reversed shear is equivalent to a moved screen.
+    camera. In a single aperture, a missing or reversed shear is equivalent to a moved screen, and a
+    reversed shear of one camera to a shift of its film.
     """
     nominal, scene = test.nominal, test.reference.scene
     screen, right = scene.frustum.screen, model.recentering is nominal.recentering
@@ -372,3 +373,7 @@ def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererMo
     if model.screen_center != nominal.screen_center:
         for shear in (Recentering.NONE, Recentering.BOTH_REVERSED):
             yield replace(model, recentering=shear, screen_center=nominal.screen_center)
+    if model.one_camera is not None:
+        back = model.one_camera.side > 0
+        shear = Recentering.C_REVERSED if back else Recentering.C_STAR_REVERSED
+        yield replace(model, recentering=shear, one_camera=None, shift=nominal.shift)

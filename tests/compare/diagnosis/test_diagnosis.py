@@ -157,7 +157,8 @@ def test_defects_are_named_with_their_sizes_alone_and_in_pairs(names: str) -> No
         assert low - 1e-3 * abs(size) <= size <= high + 1e-3 * abs(size)
     corrected = result.summary()["corrected"]
     assert not result.passed
-    assert corrected["fraction"] < 0.01 and corrected["causes"]["unexplained"] <= 2
+    # Pixels at edges snap to one side or the other; a wrong surface is wrong beyond its edges.
+    assert corrected["surface"]["fraction"] < 0.01 and corrected["causes"]["unexplained"] <= 2
 
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "asymmetric"])
