@@ -200,12 +200,12 @@ NUMBERS_ALONE = {"NUMBERED": "1"}
 #: Fragment shader of a program, and its definitions
 ProgramKey = tuple[str, tuple[tuple[str, str], ...]]
 
-#: Program, and mesh with the attributes that the program reads; None if it has no triangle
+#: Program, and mesh with the attributes that the program reads (None without triangles)
 ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray | None]
 
 
 class Drawing:
-    """Mesh of a scene on the GPU, with materials and lights from the first picture in color on.
+    """Mesh of a scene on the GPU; the first picture in color uploads materials and lights.
 
     The scene must have at least one triangle. The context must be current here and in `draw`.
     """
@@ -219,7 +219,7 @@ class Drawing:
         self._meshes: dict[tuple[ProgramKey, int | None], moderngl.VertexArray | None] = {}
 
     def _shading(self, effects: frozenset[Effect]) -> Shading:
-        """Return materials and lights, with textures only if they are among the effects."""
+        """Return materials and lights, with textures only if `effects` include them."""
         textured = Effect.TEXTURES in effects
         if textured not in self._shadings:
             self._shadings[textured] = Shading(self._context, self._scene, effects)

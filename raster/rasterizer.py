@@ -1,6 +1,6 @@
 """The paper's double frustum: C, with C* drawn over it (paper, sections 3 to 6).
 
-Band limiting, means of color over the pixel's area and over the aperture, is drawn in tiles.
+Band limiting (color averaged over the pixel's area and over the aperture) is drawn in tiles.
 """
 
 import time
@@ -42,7 +42,7 @@ POINTS_AT_ONCE = 1 << 21
 
 @dataclass(frozen=True, kw_only=True)
 class Tile:
-    """Part of the film that is drawn at once, with several points per pixel."""
+    """Part of the film, drawn at once with several points per pixel."""
 
     film: tuple[int, int]  #: W, H of the whole film in pixels
     corner: tuple[
@@ -68,7 +68,7 @@ class Tile:
 
 
 def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Tile]:
-    """Yield tiles of one size over a film of W, H pixels, at most `largest` points wide."""
+    """Yield tiles of equal size, at most `largest` points wide, over a film of W, H pixels."""
     width, height = film
     columns = min(width, max(1, min(largest, POINTS_AT_ONCE // supersample) // supersample))
     at_once = max(1, POINTS_AT_ONCE // (columns * supersample**2))
@@ -104,7 +104,8 @@ def largest_image() -> int:
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
 
 
-#: number of camera pairs with cached points: a sweep starts a pair before the previous one ends
+#: number of camera pairs with cached points: a sweep starts the next pair before it is done with
+#: the previous pair
 SHOWN_CAMERAS = 2
 
 #: sampling with one point per pixel, seen from the aperture's center
@@ -124,9 +125,9 @@ class Rasterizer(ContextOwner):
     """Scene on the GPU, uploaded once in float32, drawn for any aperture and settings.
 
     It is a context manager that frees the OpenGL context on exit. `effects` are the simulated
-    effects; None selects the effects that the scene needs. With a tiny near, which shows surfaces
-    beyond the reach, more effects may be needed. `model` is the model of the device; None selects
-    the recorded model. Raises InputError if OpenGL is not usable, if the scene is too large for the
+    effects; None selects the effects that the scene needs. A tiny near, at which surfaces beyond
+    the reach appear, may need more effects. `model` is the model of the device; None selects the
+    recorded model. Raises InputError if OpenGL is not usable, if the scene is too large for the
     device, or if an effect is unknown.
     """
 
@@ -166,7 +167,7 @@ class Rasterizer(ContextOwner):
         self._context.release()
 
     def check_sampling(self, sampling: Sampling) -> None:
-        """Raise InputError if the device does not support as many samples."""
+        """Raise InputError if the device does not support the number of samples."""
         if sampling == SINGLE_SAMPLE:
             return  # every device supports one sample
         device = self.device["renderer"]
@@ -207,7 +208,7 @@ class Rasterizer(ContextOwner):
         An image without `normals` or `color` takes less time. `sampling` applies to color; None
         selects the scene's sampling. Triangles and positions are always at the pixel's center, seen
         from the aperture's center. Raises InputError if near is not smaller than the reach, or if
-        the device does not support as many samples.
+        the device does not support the number of samples.
         """
         return self.draw(aperture, settings, normals=normals, color=color, sampling=sampling).image
 
@@ -276,8 +277,8 @@ class Rasterizer(ContextOwner):
     ) -> Singles:
         """Return the surface points (H, W, 3) of a picture, NaN without a surface.
 
-        With the same cameras and another depth buffer few pixels change: all other points are
-        copied from the previous picture.
+        If only the depth buffer differs from a cached picture, few pixels change: the points of all
+        other pixels are copied from that picture.
         """
         position = np.full((*identity.shape[:2], 3), np.nan, dtype=np.float32)
         if self._positions is None or not passes:

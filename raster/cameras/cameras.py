@@ -5,7 +5,7 @@ precision and rounded once, to the float32 of OpenGL.
 
 C keeps the nearest surface, and its depth buffer is cleared to the far value. C* keeps the farthest
 surface, and its buffer is cleared to the near value (paper, section 3). Depth tests are strict: of
-two equal depths, the one drawn first stays.
+two surfaces at equal depth, the surface drawn first stays.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ class Mapping:
     clip_control: int = GL.GL_ZERO_TO_ONE  #: Range of clip depth inside the frustum
     #: Expression for the shader's `FRAGMENT_DEPTH`; empty if the hardware interpolates depth
     fragment_depth: str = ""
-    #: stored_near, stored_far: Values of the buffer at the near and at the far plane
+    #: stored_near, stored_far: Values of the depth buffer at the near and at the far plane
     stored_near: float = 0.0
     stored_far: float = 1.0
 
 
 _HYPERBOLIC = 0.0, 1.0
 
-#: Clip depth of the reversed mapping. It is also used if fragments write depth, because clip depth
-#: then only clips. `_HYPERBOLIC` would be worse: f / (f - n) rounded to float32 clips some surfaces
-#: in front of the far plane, or keeps some behind it.
+#: Clip depth of the reversed mapping. It is also used if fragments write depth: clip depth then
+#: serves only for clipping. `_HYPERBOLIC` would be worse: f / (f - n) rounded to float32 clips some
+#: surfaces in front of the far plane, or keeps some behind it.
 _REVERSED = 1.0, 0.0
 
 
@@ -79,7 +79,8 @@ MAPPINGS = {
 class FilmWindow:
     """Rectangle that an aperture's film spans at unit distance from the plate."""
 
-    #: dx/dz and dy/dz of the frustum's axis: shift of a plane by the shear, per unit of height
+    #: dx/dz and dy/dz of the frustum's axis; the shear shifts a plane by these slopes times its
+    #: height
     axis: tuple[float, float]
     #: half_width, half_height: Half the film's extent per unit of distance
     half_width: float
@@ -112,7 +113,7 @@ class SlabCamera:
 
     #: True for C, which looks away from the viewer; False for C*, which looks back
     orthoscopic: bool
-    #: Offset of the camera from the plate, opposite to its direction of view
+    #: Distance of the camera from the plate, opposite to the camera's direction of view
     step: float
     #: near, far: Distances of the near and the far plane from the camera
     near: float
@@ -154,8 +155,8 @@ def clip_from_scene(
     projection = clip_from_eye(window, camera, ends)
     eye = eye_from_sheared(camera)
     stands_at = camera.step if camera.orthoscopic else -camera.step
-    # The shear does not move the plane of its pivot: the plate (paper, figure 6), or the plane of
-    # the camera's position.
+    # The shear leaves one plane fixed: the plate (paper, figure 6), or the plane of constant z
+    # through the camera.
     return (
         projection
         @ eye
@@ -176,9 +177,9 @@ def eye_from_sheared(camera: SlabCamera) -> Floats:
     """Return the matrix to eye coordinates, with the camera at the origin looking to -z.
 
     Relative to C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3),
-    because lines that cross at the aperture are on the other side of the axis beyond it. These two
-    flips and the opposite direction of view are three reflections. An odd number reverses window
-    winding: faces turned to C* are clockwise.
+    because lines cross at the aperture: beyond it they are on the other side of the axis. These two
+    flips and the opposite direction of view are three reflections. An odd number of reflections
+    reverses window winding: faces turned to C* are clockwise.
     """
     matrix = np.eye(4) if camera.orthoscopic else np.diag([-1.0, -1.0, -1.0, 1.0])
     matrix[2, 3] = -camera.step
@@ -216,12 +217,12 @@ class Pass:
 
     @property
     def line_of_pixel(self) -> Floats:
-        """(3, 3) directions of film points (u, v, 1) away from the camera, scene axes, v upward."""
+        """(3, 3) map of film points (u, v, 1), v up, to directions from the camera, scene axes."""
         return lines_of_pixels(self.clip_from_scene)
 
 
 def lines_of_pixels(clip_from_scene: Floats) -> Floats:
-    """Return (.., 3, 3) directions of film points (u, v, 1) away from cameras (.., 4, 4).
+    """Return maps (.., 3, 3) of film points (u, v, 1) to directions away from cameras (.., 4, 4).
 
     Clip x, y and w are zero at the camera's position. A point at depth w along a direction d has
     (x, y, w) = w (u, v, 1). Therefore the inverse of the 3 x 3 part of the matrix for x, y and w
@@ -244,7 +245,7 @@ def drawing_order(
     """Return the passes of an image from back to front.
 
     The slabs of C come first, from the outermost inward, then the slabs of C*, from the innermost
-    outward. Empty slabs and cameras that are not among the effects are left out.
+    outward. Slabs without triangles are left out. So are C and C* unless `effects` include them.
     """
     cameras = cameras_in_order(scene, settings, effects)
     return [pass_of(scene, aperture, settings, camera) for camera in cameras]
@@ -253,7 +254,7 @@ def drawing_order(
 def cameras_in_order(
     scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
 ) -> list[SlabCamera]:
-    """Return the cameras of an image from back to front, equal for all apertures."""
+    """Return the cameras of an image from back to front; they are the same for all apertures."""
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
@@ -263,7 +264,7 @@ def cameras_in_order(
         for x in chosen[settings.camera]
         if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
     ]
-    # Slabs that no triangle reaches into are left out.
+    # Leave out slabs without triangles.
     lowest, highest = scene.height_ranges
     ranges = [(camera, *kept_heights(camera)) for camera in cameras]
     return [camera for camera, low, high in ranges if np.any((highest >= low) & (lowest <= high))]
@@ -278,7 +279,8 @@ def kept_heights(camera: SlabCamera) -> tuple[float, float]:
 def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
     """Return the pass of one camera for an aperture."""
     mapping = MAPPINGS[settings.mapping]
-    # Faces turned away from the viewer are culled; C* looks at the viewer.
+    # Faces turned away from the viewer are culled. C* looks toward the viewer: for C* these are
+    # front faces.
     away = "back" if camera.orthoscopic else "front"
     smaller_wins = camera.orthoscopic == (mapping.stored_near < mapping.stored_far)
     return Pass(

@@ -1,4 +1,4 @@
-"""Description of the cameras C and C* of any settings and aperture for other renderers.
+"""Description of the cameras C and C* for other renderers, at any settings and aperture.
 
 `cameras_of` makes the full description, from which `gltf` and `mitsuba` make their cameras.
 """
@@ -71,11 +71,10 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
             "clip_from_scene": drawn.clip_from_scene,
             "position": (float(x), float(y), float(z)),
             "looks_to": "-z" if slab.orthoscopic else "+z",
-            # True for flips left-right and up-down, relative to an ordinary picture with the y axis
-            # up.
+            # True if the film is flipped left-right and up-down, relative to a picture with y up.
             "film_flipped": not slab.orthoscopic,
-            # k and t of the film: slopes about the center of projection, including the factor of
-            # the fit.
+            # Lines through the center of projection have -dx/dz = k + u t: `shear` is k, and
+            # `half_extent` is t with the factor of the fit.
             "shear": (-window.axis[0], -window.axis[1]),
             "half_extent": (window.half_width * slab.scale, window.half_height * slab.scale),
             "near": slab.near,
@@ -122,8 +121,8 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
 
 # glTF and Mitsuba
 
-#: Largest relative difference of a pixel's width and height at which it counts as square: an error
-#: of at most 1e-5 pixels at the end of a film 1e4 pixels wide.
+#: Largest relative difference of width and height at which a pixel counts as square. At the end of
+#: a film 1e4 pixels wide, the error is at most 1e-5 pixels.
 MAX_PIXEL_ASPECT_DEVIATION = 1e-9
 
 #: Quaternion (x, y, z, w) of the rotation that makes a camera look to +z
@@ -140,7 +139,7 @@ GLTF_NOTE = (
 
 
 def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
-    """Yield every camera with the notes that both formats have."""
+    """Yield every camera with the notes common to glTF and Mitsuba."""
     for entry in cameras["apertures"]:
         for number, camera in enumerate(entry["passes"]):
             notes = {

@@ -34,7 +34,7 @@ _HELP = (
 
 
 def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
-    """Return a new context of at least a version of OpenGL; InputError if there is none.
+    """Return a new context with at least this OpenGL version; InputError if EGL has none.
 
     Warns with SoftwareWarning if the context draws on the CPU although the machine has a GPU.
     """
@@ -46,7 +46,7 @@ def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
     try:
         context = _context(version)
     except Exception as error:
-        # glcontext raises bare Exception, moderngl its own Error, for whatever EGL lacks.
+        # If EGL lacks anything, glcontext raises Exception and moderngl its own Error.
         reason = " ".join(str(error).split())
         devices = [
             f"OpenGL {each.version} of {each.renderer}" for each in egl_devices() if each.renderer
@@ -67,15 +67,15 @@ class SoftwareWarning(UserWarning):
 
 
 def _context(version: int, index: int = 0) -> moderngl.Context:
-    """Return a context of at least a version; some drivers, such as NVIDIA's, return exactly it."""
-    # moderngl annotates this argument as a dictionary, but its code takes a name.
+    """Return a context with at least this version; NVIDIA's driver returns exactly this version."""
+    # moderngl annotates `backend` as a dictionary, but takes a name.
     backend: dict[str, Any] = {"backend": "egl", "device_index": index}
     return moderngl.create_context(require=version, standalone=True, **backend)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EglDevice:
-    """One of the devices that EGL lists."""
+    """Device that EGL lists."""
 
     index: int
     renderer: str  #: OpenGL's name; empty if no context can be made on the device
@@ -185,7 +185,7 @@ SOFTWARE = b"EGL_MESA_device_software"
 
 
 def gpu_indices() -> tuple[int, ...]:
-    """Return the indices of the EGL devices that are not software; empty if EGL has no list.
+    """Return the indices of EGL's hardware devices; empty if EGL cannot list devices.
 
     No context is created. Indices are positions in the list of eglQueryDevicesEXT, as in moderngl.
     """
@@ -218,7 +218,7 @@ def cuda_index(device: int) -> int | None:
 
 
 def _device_count() -> int:
-    """Return the number of devices that EGL lists; 1 if it has no list."""
+    """Return the number of devices that EGL lists; 1 if EGL cannot list devices."""
     try:
         return len(_devices())
     except error.Error:
@@ -274,10 +274,10 @@ POSITION_BYTES = 24
 #: Largest number of triangles: shaders index three values per triangle with int32
 MAX_TRIANGLES = (1 << 31) // 3
 
-#: Peak memory per pixel, in bytes, from drawing to writing the image: 28 on the device (identities
-#: 8, color 16, depth 4), in main memory for a software renderer; the numbers, positions, normals
-#: and colors that are read back; and the channels of the file. llvmpipe needs 185 at 2048 x 2048
-#: (measured).
+#: Peak memory per pixel, in bytes, from drawing to writing the image. The device needs 28 bytes
+#: (identities 8, color 16, depth 4); a software renderer takes them from main memory. Main memory
+#: also holds the numbers, positions, normals and colors that are read back, and the channels of the
+#: file. llvmpipe needs 185 bytes in all at 2048 x 2048 (measured).
 PIXEL_BYTES = 190
 
 #: Internal format, layout and type of the textures of an image (see `targets`)
@@ -296,7 +296,7 @@ def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
         )
     _check_image(scene.frustum.resolution, device)
     block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
-    # Normals and indices of triangles have separate blocks: three 32-bit numbers per triangle.
+    # Normals and indices of triangles have a block each, with three 32-bit numbers per triangle.
     needed = max(vertex_bytes * len(scene.vertices), 12 * len(scene.faces))
     if needed > block:
         raise InputError(
@@ -335,7 +335,7 @@ def _can_store(size: tuple[int, int]) -> bool:
 
 
 def free_memory() -> int | None:
-    """Return the bytes available without swapping; None if the system has no figure."""
+    """Return the bytes available without swapping; None if the system does not report them."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
@@ -348,7 +348,7 @@ def free_memory() -> int | None:
 
 
 def require_room(scene: Scene) -> None:
-    """Raise the InputErrors of `Rasterizer` early, in commands that draw after long computation."""
+    """Raise the InputErrors of `Rasterizer` early, before the long computation of a command."""
     context = open_context()
     try:
         with context:

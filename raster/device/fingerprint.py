@@ -37,7 +37,7 @@ SEED = 11
 #: value of pixels without a fragment
 EMPTY = -9.0
 
-#: Pairs of the first depth that fragments write, and the step to the next depth in ULP
+#: Pairs: depth that the fragment of pixel 0 writes, and the step from pixel to pixel, ULP
 WRITTEN = (
     (0.96, 101),
     (0.5, 1021),
@@ -128,7 +128,7 @@ class Fingerprint:
 
 
 def _in_steps(depth: DepthFormat, read: NDArray[Any]) -> NDArray[Any]:
-    """Return depths, as read, in steps of the format: D24 is in the upper 24 of 32 bits."""
+    """Convert depths as read to steps of the format: D24 is in the upper 24 of 32 bits."""
     return read >> 8 if depth is DepthFormat.D24 else read
 
 
@@ -153,10 +153,10 @@ def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
 def edge_triangles() -> Iterator[Singles]:
     """Yield corners (3, 4) of triangles that test coverage.
 
-    The first have corners at pixel centers, where edges tie, and at multiples of 1/512 pixel. Then
-    follow triangles with two sides along rows and columns, half a subpixel (of 8 or 4 bits) off
-    pixel centers, so that many pixels reveal the rounding of corners. The last are up to 2^23
-    pixels large.
+    The first triangles have corners at pixel centers (edges tie there) or at multiples of 1/512
+    pixel. The next triangles have two sides along rows and columns, on pixel centers or half a
+    subpixel (of 8 or 4 bits) off: many pixels then reveal the rounding of corners. The last
+    triangles are up to 2^23 pixels large.
     """
     rng = np.random.default_rng(SEED)
     places = [
@@ -173,7 +173,8 @@ def edge_triangles() -> Iterator[Singles]:
         )
         places[-1] *= rng.choice((-1, 1))
     for doubled in range(6, FARTHEST + 1):
-        # One side runs through the window; the third corner is as far from the middle.
+        # One side runs through the window. The third corner is about as far from the middle as the
+        # ends of this side.
         along = rng.integers(-(2**doubled), 2**doubled, 2)
         near = rng.integers(-20, 20, 2)
         places += [np.array([near - along, near + along, sign * along[::-1]]) for sign in (-1, 1)]
@@ -227,7 +228,7 @@ class _Canvas:
         buffer.release()
 
     def depth(self, depth: DepthFormat) -> NDArray[Any]:
-        """Return the depths of the last target, in steps of its format."""
+        """Return the depths of the latest drawing, in steps of their format."""
         kind, dtype = _READ[depth]
         into: NDArray[Any] = np.empty((SIZE, SIZE), dtype)
         GL.glReadPixels(0, 0, SIZE, SIZE, GL.GL_DEPTH_COMPONENT, kind, into)
@@ -309,7 +310,7 @@ def _written(
 
 
 def _filtered(context: moderngl.Context, canvas: _Canvas) -> Singles:
-    """Return the mean of two texels, 0 and 1, at 4,096 places between them."""
+    """Return filtered values at 4,096 positions between a texel of 0 and a texel of 1."""
     program = context.program(vertex_shader=_WHOLE_VERTEX, fragment_shader=_FILTERS)
     texture = context.texture((2, 1), 1, np.array([0, 1], np.float32).tobytes(), dtype="f4")
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)

@@ -18,10 +18,10 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 class NumberedMesh:
     """Mesh in which the last vertex of each triangle carries the triangle's number.
 
-    The order of triangles and corners is unchanged; vertices are duplicated. `gl_PrimitiveID`
-    restarts with every draw, and makes Mesa's software pipeline process three vertices per
-    triangle. A flat varying takes its value from the last corner of a triangle: if this corner has
-    its own vertex, the vertex number is the triangle number.
+    The order of triangles and corners is unchanged; vertices are duplicated. `gl_PrimitiveID` is
+    not used: it restarts with every draw, and with it Mesa's software pipeline processes three
+    vertices per triangle. A flat varying takes its value from the last corner of a triangle: if
+    this corner has its own vertex, the vertex number is the triangle number.
     """
 
     #: (N,) number of the scene's vertex that each vertex copies. The first F vertices are the last
@@ -30,7 +30,7 @@ class NumberedMesh:
     faces: NDArray[np.uint32]  #: (F, 3) uint32 into `source`
 
     def ends(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
-        """Return values of triangles (F, ..) at their last vertices (N, ..); zero at others."""
+        """Return values (N, ..) of vertices: values (F, ..) of triangles at last vertices, or 0."""
         others = np.zeros((len(self.source) - len(values), *values.shape[1:]), values.dtype)
         return np.concatenate((values, others))
 
@@ -38,10 +38,10 @@ class NumberedMesh:
 def number_triangles(faces: Indices) -> NumberedMesh:
     """Return the mesh of faces (F, 3) in which the last corner of triangle t is vertex t.
 
-    Each of the other two corners uses the copy of its vertex with the largest number up to the
-    triangle's own, or else the next larger one. Neighboring triangles then share vertices that are
-    still in the vertex cache. Vertices that are never a last corner have one copy each, after all
-    other copies.
+    Each of the other two corners uses the copy of its vertex with the largest number up to t, or
+    else the copy with the smallest number above t. Neighboring triangles then share vertices that
+    are still in the vertex cache. Vertices that are never a last corner have one copy each, after
+    all other copies.
     """
     count = len(faces)
     last = faces[:, 2]
@@ -155,7 +155,7 @@ class Mesh:
 
 
 def attribute_of(scene: Scene, name: str) -> Singles:
-    """Return one of `ATTRIBUTES` of all vertices; unused zeros at vertices without it."""
+    """Return one of `ATTRIBUTES` of all vertices; zeros, never used, at vertices without it."""
     if name == "in_position":
         return scene.vertices.astype(np.float32)
     surface = scene.surface

@@ -43,7 +43,7 @@ _OFF = (
 
 
 def forget_history() -> None:
-    """Reset all OpenGL state that draws do not set, so that no picture depends on another.
+    """Reset all OpenGL state that draws do not set, so that no picture depends on earlier pictures.
 
     A draw sets framebuffer and viewport, depth test and function, blending, culling and front
     faces, clip control, programs, buffers and textures.
@@ -78,7 +78,7 @@ def most_samples() -> int:
 
 
 def framebuffer(textures: Mapping[int, int], outputs: Sequence[int], *, depth: bool = True) -> int:
-    """Return a framebuffer with these textures, by attachment, for the outputs of shaders.
+    """Return a framebuffer for shader outputs; `textures` are by attachment point.
 
     An output without a texture is dropped.
     """
@@ -106,9 +106,9 @@ def look_up_single_texels(kind: int, texture: int) -> None:
 class Target:
     """Framebuffer of W, H pixels with a depth format in the current context, reused by images.
 
-    With several coverage samples, color is their mean, and identities cannot be read, because each
-    pixel has several. A device may store more samples than requested: `samples` is the stored
-    number.
+    With several coverage samples, color is their mean. Identities cannot be read then, because each
+    pixel has several. A device may store more samples than requested: `samples` is the number
+    stored.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
@@ -121,7 +121,7 @@ class Target:
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[depth]
         self._textures = {point: self._store(internal) for point, internal in formats.items()}
         self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
-        # Pictures with only triangle numbers have no color to clear and to write.
+        # Pictures with only triangle numbers neither clear nor write color.
         self._numbers = framebuffer(self._textures, [IDENTITY])
         # Reflections read the identities, which therefore must not be attached; reflection.frag
         # needs no depth buffer.
@@ -158,7 +158,7 @@ class Target:
             GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
 
     def begin_reflection(self) -> None:
-        """Make only the color of this target the current target, without clearing it."""
+        """Bind only the color of this target for drawing, without clearing it."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._reflection)
         GL.glViewport(0, 0, *self.size)
 
@@ -172,7 +172,7 @@ class Target:
         GL.glBindTexture(self._kind, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 
     def read_identity(self) -> NDArray[np.uint32]:
-        """Return triangle number + 1 and camera number, (H, W, 2), row 0 at the top; 0 for none."""
+        """Return triangle number + 1 and camera number, (H, W, 2), row 0 at the top; 0 if empty."""
         return self._read(IDENTITY, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT, 2, np.uint32)
 
     def read_color(self) -> Singles:

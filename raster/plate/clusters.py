@@ -1,9 +1,9 @@
-"""Culling of clusters of triangles outside a hogel's frusta, before anything is drawn.
+"""Culling of triangle clusters outside a hogel's frusta, before drawing.
 
 Culling must not change a pixel. A cluster is left out only if its whole box is outside one clip
-plane, including the rounding errors of the device's float32 arithmetic: OpenGL would clip all its
-triangles completely. The remaining clusters are drawn in the scene's order, so that ties of depth
-have the same winner as without culling.
+plane by more than the rounding errors of the device's float32 arithmetic. OpenGL would clip all
+triangles of such a cluster completely. The remaining clusters are drawn in the scene's order, so
+that ties of depth have the same winner as without culling.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _PLANES = np.array(
 #: Clip planes that differ between hogels, and clip planes that all hogels share
 SIDES, DEPTHS = slice(0, 4), slice(4, 6)
 
-#: Term added to these forms for OpenGL's default depth range, which starts at -w instead of 0
+#: Term added to `_PLANES` for OpenGL's default depth range, which starts at -w instead of 0
 _OPENGL_NEAR = np.array([[0.0], [0.0], [0.0], [0.0], [1.0], [0.0]]) * (0, 0, 0, 1)
 
 
@@ -57,7 +57,7 @@ class Boxes:
     @classmethod
     def from_bounds(cls, lowest: Floats, highest: Floats) -> Boxes:
         """Return the boxes with given corners, (N, 3) each, scene units."""
-        # Halves first: the sum of two huge coordinates may overflow.
+        # Halve first: the sum of two huge coordinates may overflow.
         center, extent = lowest / 2 + highest / 2, highest / 2 - lowest / 2
         ones = np.ones((len(center), 1))
         columns = np.hstack([center, ones, extent, np.abs(center) + extent, ones]).T
@@ -76,8 +76,9 @@ def clip_planes(
     `clip_control` is OpenGL's range of clip depth. `windows` (.., 4) are the smallest and largest u
     and v inside the side planes of each film. Both results are (.., 6, 4): left, right, bottom,
     top, and the two ends of the depth range. A vertex is inside if plane . (x, y, z, 1) >= 0.
-    Magnitudes have the absolute value of every term: the float32 rounding error of this product is
-    at most `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y), abs(z), 1).
+    Magnitudes are the same sums with the absolute value of every term: the float32 rounding error
+    of plane . (x, y, z, 1) is at most `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y),
+    abs(z), 1).
     """
     # Multiplying a plane in clip coordinates by the matrix gives the plane in scene coordinates.
     combined = _PLANES + (_OPENGL_NEAR if clip_control == GL.GL_NEGATIVE_ONE_TO_ONE else 0)
@@ -94,9 +95,9 @@ def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
     It is False only if the whole box is outside one of the planes, including rounding errors.
     """
     # The bound is a sum of three terms, one for each group of rows in `Boxes.columns`:
-    #  1. plane . (center, 1), the value at the middle of the box;
-    #  2. abs(plane) . half extent, the increase to the corner that is farthest inside;
-    #  3. TRANSFORM_ROUNDING magnitude . (largest coordinates, 1), the largest rounding error there.
+    #  1. plane . (center, 1), the value at the middle of the box; 2. abs(plane) . half extent, the
+    #  increase to the corner that is farthest inside; 3. TRANSFORM_ROUNDING magnitude . (largest
+    #  coordinates, 1), the largest rounding error in the box.
     rows = np.concatenate(
         [planes, np.abs(planes[..., :3]), TRANSFORM_ROUNDING * magnitudes], axis=-1
     )
@@ -115,7 +116,7 @@ def triangles_in_depth(
 
 
 def boxes_of(vertices: Singles, faces: Indices, size: int) -> Boxes:
-    """Return the boxes of every `size` consecutive faces."""
+    """Return one box for every `size` consecutive faces."""
     lowest, highest = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for start in range(0, len(faces), TRIANGLES_AT_ONCE // size * size):
         part = faces[start : start + TRIANGLES_AT_ONCE // size * size]
@@ -160,8 +161,8 @@ DRAW_COMMAND = np.dtype(
 class PassGeometry:
     """Triangles that may be visible to one camera from any aperture of the plate."""
 
-    #: first, count: Place of the triangles' first index in the index buffer, and the number of
-    #: triangles
+    #: first, count: Position of the first triangle's first index in the index buffer, and the
+    #: number of triangles
     first: int
     count: int
     boxes: Boxes  #: Boxes of the clusters of triangles
@@ -188,11 +189,11 @@ class PlateGeometry:
         self._mesh = mesh = number_triangles(scene.faces)
         vertices = attribute_of(scene, "in_position")
         materials, reflective = of_triangles
-        # A buffer cannot be empty; nothing draws the first three indices.
+        # A buffer cannot be empty: it begins with three indices that are never drawn.
         indices = [np.zeros((1, 3), dtype=np.uint32)]
 
         def seen_by_each(triangles: Indices) -> list[PassGeometry]:
-            """Sort triangles by the cameras that may see them from anywhere on the plate."""
+            """Return the triangles that each camera may show from any aperture of the plate."""
             geometries = []
             for camera in passes:
                 matrix = camera.clip_from_scene.astype(np.float32)
@@ -225,7 +226,7 @@ class PlateGeometry:
     def commands(
         self, geometry: PassGeometry, matrices: Singles, windows: Floats = WHOLE_FILM
     ) -> NDArray[np.void]:
-        """Return the draws of one pass for hogels (`clip_planes`): runs of reachable clusters."""
+        """Return the draws of one pass for hogels: runs of clusters that may be visible."""
         planes, magnitudes = clip_planes(matrices, self._clip_control, windows)
         visible = reached(planes[:, SIDES], magnitudes[:, SIDES], geometry.boxes)
         hogel, begin, end = runs(visible)

@@ -1,7 +1,8 @@
-"""Plates drawn by directions: one picture of a tile of the plate for each pixel of its hogels.
+"""Plates drawn by directions: one picture of a plate tile for each pixel of the hogels.
 
 A picture has a pixel for each hogel. A plate with more hogels than pixels per hogel therefore needs
-fewer passes than by hogels, and no near offset or second camera (`cameras.directions`).
+fewer passes by directions than by hogels. It needs no near offset and no second camera
+(`cameras.directions`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -101,7 +102,7 @@ class DirectionRenderer(ContextOwner):
                 hogels=self._batching.hogels,
                 colored=self._colored,
             )
-            # Triangles are sorted by the range of depth, which all pixels share.
+            # Triangles are culled by the range of depth, which is the same for all pixels.
             self._picture = PlatePicture(self._context, scene, [first], style)
         self._rounds = Rounds(
             self._context,
@@ -117,7 +118,7 @@ class DirectionRenderer(ContextOwner):
         self._context.release()
 
     def images(self, pixels: Iterable[Pixel]) -> Iterator[PlateDirection]:
-        """Draw pixels of all hogels, and yield their images in the same order."""
+        """Draw the image of each pixel over all hogels, and yield the images in the same order."""
         return self._rounds.stream(pixels, self._draw, self._finish)
 
     def _draw(self, slot: Slot, pixels: Sequence[Pixel]) -> None:

@@ -42,7 +42,7 @@ def averaged(
     draw: Callable[[Iterable[Aperture]], Iterator[PlateHogel]],
     content: PlateContent,
 ) -> Iterator[PlateHogel]:
-    """Yield hogels whose color is the mean of images drawn at several points of their area.
+    """Yield hogels with color averaged over images from several points of the aperture's area.
 
     The other channels are from one more image, drawn from the aperture's center. `points` returns
     points of an aperture's area. `draw` yields the image of each point, in order, with colors in
@@ -78,7 +78,7 @@ def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
 
 
 def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
-    """Return the stored images of a hogel in the types of a plate."""
+    """Convert the images of a hogel to the types that a plate stores."""
     assert image.color is not None
     color = stored(image.color, content.color)
     surfaces = _surfaces(image, content.channels)
@@ -86,7 +86,7 @@ def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
 
 
 def plate_direction(image: DirectionImage, content: PlateContent) -> PlateDirection:
-    """Return the stored images of a pixel of all hogels in the types of a plate."""
+    """Convert the images of a pixel of all hogels to the types that a plate stores."""
     color = None if image.color is None else stored(image.color, content.color)
     return PlateDirection(pixel=image.pixel, color=color, **_surfaces(image, content.channels))
 
@@ -102,7 +102,7 @@ def _surfaces(image: HogelImage | DirectionImage, channels: Sequence[Channel]) -
 
 
 class OneByOne(ContextOwner):
-    """The stream of `PlateRenderer` with the sampling of `Rasterizer`, and its InputErrors."""
+    """Stream of hogels as from `PlateRenderer`; sampling and InputErrors are as in `Rasterizer`."""
 
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
         settings.check_against(scene.frustum)
@@ -130,10 +130,10 @@ class OneByOne(ContextOwner):
 
 
 class PlainLoop(ContextOwner):
-    """Plain loop over hogels, the baseline of drawing many at once.
+    """Plain loop over hogels: the baseline for drawing many hogels at once.
 
     Every camera draws the whole scene, without reflections; then pixels are read. With `numbered`,
-    triangle numbers are vertex numbers, as in `PlateRenderer`, which takes no extra time.
+    triangle numbers are vertex numbers, as in `PlateRenderer`; this takes no extra time.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class PlainLoop(ContextOwner):
             yield PlateHogel(aperture=aperture, color=color[0], triangle=number)
 
     def draw_only(self, apertures: Iterable[Aperture]) -> None:
-        """Draw apertures and read nothing back."""
+        """Draw apertures without reading them back."""
         with self._context:
             for aperture in apertures:
                 self._draw(aperture)
@@ -206,7 +206,7 @@ class PlainLoop(ContextOwner):
             GL.glFinish()
 
     def read_only(self, count: int) -> None:
-        """Read back the last images `count` times, and draw nothing."""
+        """Read back the last images `count` times, without drawing."""
         with self._context:
             for _ in range(count):
                 self._target.start_reading()

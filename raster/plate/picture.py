@@ -85,9 +85,10 @@ def hogel_block(cameras: Sequence[Pass]) -> NDArray[np.void]:
 
 @dataclass(frozen=True, kw_only=True)
 class Batching:
-    """Sizes of submissions, whose hogels share clears and draws, and of rounds of submissions.
+    """Numbers of hogels per submission and of submissions per round.
 
-    The submissions of a round are drawn one after the other, then read back together.
+    The hogels of a submission share clears and draws. The submissions of a round are drawn one
+    after the other, then read back together.
     """
 
     hogels: int
@@ -131,7 +132,7 @@ def groups(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
 
 
 class Rounds:
-    """Rounds of submissions: one is drawn while the round before it is read back."""
+    """Rounds of submissions: each round is drawn while the previous round is read back."""
 
     def __init__(
         self,
@@ -172,12 +173,13 @@ class Rounds:
         submissions = groups(items, self._batching.hogels)
         for number, submitted in enumerate(groups(submissions, self._batching.submissions)):
             drawn = list(zip(self.slots[number % ROUNDS], submitted, strict=False))
-            # OpenGL draws in the current context, and the caller may have made another one current.
+            # OpenGL draws in the current context, and the caller may have made another context
+            # current.
             with self._context:
                 for slot, group in drawn:
                     draw(slot, group)
-                    # Flush, so that the device fills these pixels while the next submission is
-                    # transformed.
+                    # Flush, so that the device fills these pixels while it transforms the next
+                    # submission.
                     GL.glFlush()
                 # Read after all draws, because a software driver finishes all pending draws before
                 # a read.
@@ -222,7 +224,7 @@ class PictureStyle:
 
 
 class PlateDrawing:
-    """Triangles of one program for each camera: all surfaces, or the reflective ones."""
+    """Triangles that one program draws for each camera: all, or only the reflective triangles."""
 
     def __init__(
         self,
@@ -239,7 +241,7 @@ class PlateDrawing:
             for name, form in FORMATS.items()
             if name in program
         ]
-        # This attribute advances per instance; the base instance of every draw is the number of its
+        # `in_hogel` advances per instance; the base instance of every draw is the number of its
         # hogel.
         numbers = np.arange(hogels, dtype=np.uint32)
         content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
@@ -252,7 +254,7 @@ class PlateDrawing:
         return self._geometry.commands(self._cameras[number], matrices, windows)
 
     def draw(self, hogels: moderngl.Buffer, commands: moderngl.Buffer, draws: int) -> None:
-        """Draw `draws` commands for hogels with matrices in a buffer."""
+        """Execute the first `draws` commands for hogels with matrices in a buffer."""
         if draws:
             hogels.bind_to_uniform_block(HOGELS_BINDING)
             self._mesh.render_indirect(commands, count=draws)
@@ -307,7 +309,7 @@ class PlatePicture:
     def upload(
         self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM
     ) -> list[int]:
-        """Upload the draws of a camera for hogels; return the number of draws of each drawing."""
+        """Upload the draws of a camera for hogels; return their number in each drawing."""
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
@@ -330,7 +332,7 @@ class PlatePicture:
     def reflect(
         self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int
     ) -> None:
-        """Add the reflections of every camera at pixels where its picture is visible."""
+        """Add the reflections of every camera at pixels where that camera's picture is visible."""
         if self.environment is None:
             return
         self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)

@@ -1,4 +1,4 @@
-"""Many hogels per submission: the paper's double frustum for a whole plate, as a stream.
+"""Hogels of a whole plate with the paper's double frustum: a stream, several per submission.
 
 The reasons are in docs/adr/0006. Images are equal to the images of `Rasterizer`, bit for bit.
 """
@@ -59,7 +59,7 @@ FilmParts = Mapping[tuple[int, int], FilmPart]
 class FilmWindows:
     """Drawn windows of the films of one submission."""
 
-    #: (L, 4) smallest and largest u and v of each part, to its pixels' borders; see
+    #: (L, 4) smallest and largest u and v of each part, at the borders of its outer pixels; see
     #: `clusters.clip_planes`
     windows: Floats
     #: Box that contains all parts: first column, first row from the bottom, width and height in
@@ -175,9 +175,9 @@ class PlateRenderer(ContextOwner):
 
         While one round of submissions is drawn, the previous round is read back. If the scene has
         sub-apertures, each is drawn as a separate hogel, and color is the mean. `parts` are the
-        requested parts of the films, by column and row of the hogel. They take less time, and their
-        pixels are equal to the pixels of whole films, bit for bit; pixels outside the parts are
-        undefined.
+        requested parts of the films, by column and row of the hogel. Parts take less time, and
+        their pixels are equal to the pixels of whole films, bit for bit; pixels outside the parts
+        are undefined.
         """
         plate, count = self.scene.plate, self.scene.sampling.aperture
         if count == 1:

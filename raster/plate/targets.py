@@ -55,7 +55,7 @@ class TargetFormat:
 
     @property
     def bytes_per_pixel(self) -> int:
-        """Bytes that a pixel takes in all attachments."""
+        """Bytes of a pixel in all attachments."""
         identity = 8 if IDENTITY in self.attachments else 0
         color = 4 * self.content.color.dtype.itemsize if self.colored else 0
         return _DEPTH_BYTES[self.depth] + color + identity
@@ -75,7 +75,7 @@ class Layer:
 
 
 class LayeredTarget:
-    """Framebuffer of W, H pixels with a layer for each hogel of a submission, read through buffers.
+    """Framebuffer of W, H pixels with a layer for each hogel of a submission; reads are buffered.
 
     moderngl cannot wrap a layered framebuffer, so that this class owns all OpenGL objects, in the
     current context.
@@ -92,7 +92,7 @@ class LayeredTarget:
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
         outputs = [IDENTITY, COLOR] if form.colored else [IDENTITY]
         self._picture = framebuffer(self._textures, outputs)
-        # Shaders that draw into this framebuffer read the identities, which therefore must not be
+        # Shaders that draw into `_radiance` read the identities, which therefore must not be
         # attached.
         self._radiance = (
             framebuffer(self._textures, [COLOR], depth=False) if form.colored else self._picture
@@ -141,7 +141,7 @@ class LayeredTarget:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
 
     def begin_reflection(self) -> None:
-        """Make only the color of this target the current target, without clearing it."""
+        """Bind only the color of this target for drawing, without clearing it."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
 
     def bind_identity(self, unit: int) -> None:

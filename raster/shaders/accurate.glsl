@@ -1,5 +1,6 @@
-// Functions whose accuracy GLSL leaves to the driver (Mesa's asin is off by 4e-4), to a few units of the
-// last place of float32, the same everywhere.
+// GLSL leaves the accuracy of some functions to the driver (Mesa's asin is off by 4e-4). The
+// functions here are accurate to a few units in the last place of float32, and equal on all
+// devices.
 
 const float PI = 3.14159265358979;
 
@@ -8,12 +9,13 @@ vec3 unit(vec3 v) {
     return direction;
 }
 
-// Zero for numbers too small to be normal: a device may keep them or flush them.
+// Replace subnormal numbers by zero: a device may keep them or flush them.
 vec3 flushed(vec3 v) {
     return mix(v, vec3(0.0), lessThan(abs(v), vec3(1.1754944e-38)));
 }
 
-// The angle of a point from the x axis, -PI to PI; 0 at the origin. Polynomial: Moshier, Cephes, atanf.
+// Angle of the point (x, y) from the x axis, -PI to PI; 0 at the origin. Polynomial: Moshier,
+// Cephes, atanf.
 float angle_of(float x, float y) {
     float longer = max(abs(x), abs(y));
     if (longer == 0.0) return 0.0;
@@ -28,10 +30,10 @@ float angle_of(float x, float y) {
     return y < 0.0 ? -angle : angle;
 }
 
-// A cosine to a power above 0; 0 where the cosine is not positive, and no more than 1: rounding takes
-// cosines beyond one. The logarithm is that of 2 atanh((m - 1) / (m + 1)), which keeps its digits near
-// one, where highlights are. Powers below 2^-100 are 0: a software renderer was seen to keep numbers too small
-// to be normal in one picture and to flush them in the next, and so sums of them differed.
+// A cosine to a power above 0; 0 if the cosine is not positive, and at most 1, because rounding may
+// make cosines larger than one. The logarithm is ln m = 2 atanh((m - 1) / (m + 1)), which is
+// accurate near m = 1, where highlights are. Powers below 2^-100 are 0: a software renderer kept
+// subnormal numbers in one picture and flushed them in the next, so that their sums differed.
 float power(float cosine, float exponent) {
     if (!(cosine > 0.0)) return 0.0;
     if (cosine >= 1.0) return 1.0;

@@ -1,8 +1,10 @@
-// The latitude-longitude map: its middle behind the plate (-z), its top above (+y), to the right +x.
+// Latitude-longitude map: its middle is behind the plate (-z), its top is +y, and +x is to the
+// right.
 
 layout(binding = 1) uniform sampler2D environment;  // row 0 at the top
 
-// Bilinear between texel centers, around in longitude, clamped at the poles.
+// Interpolate bilinearly between texel centers; longitude wraps around, latitude is clamped at the
+// poles.
 vec3 environment_along(vec3 direction) {
     ivec2 size = textureSize(environment, 0);
     precise float longitude = angle_of(-direction.z, direction.x);

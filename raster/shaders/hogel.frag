@@ -1,8 +1,8 @@
 #version 450 core
-// What a pixel shows: which triangle, drawn by which camera, in which light.
+// Triangle number, camera number and radiance of a pixel.
 //
-// FRAGMENT_DEPTH, where it is defined, is an expression in w, near and far: a depth mapping that
-// the hardware does not interpolate. SHADED asks for light; NUMBERED draws identities alone.
+// FRAGMENT_DEPTH, if defined, is an expression in w, near and far for a depth mapping that the
+// hardware does not interpolate. SHADED enables lighting; NUMBERED draws only identities.
 
 #include "triangle.glsl"
 #ifdef SHADED
@@ -15,7 +15,7 @@ layout(location = 0) out uvec2 identity;
 layout(location = 1) out vec4 radiance;
 #endif
 
-uniform uint camera;  // its number in drawing order
+uniform uint camera;  // number of the camera in drawing order
 
 #ifdef FRAGMENT_DEPTH
 uniform float near;

@@ -1,9 +1,10 @@
 #version 450 core
-// One camera, C or C*: which one is in the matrix alone.
+// One camera, C or C*: they differ only in the matrix.
 //
-// NUMBERED draws a mesh whose triangles have the numbers of their last vertices, see mesh.py.
-// MANY does so, too, and draws up to so many hogels in one submission, each on a layer of its own; WITH_LAYERS where the
-// device lets a vertex choose its layer. Otherwise there is one hogel at a time.
+// NUMBERED draws a mesh in which the number of a triangle is the number of its last vertex
+// (mesh.py). MANY implies the same, and is the largest number of hogels in one submission.
+// WITH_LAYERS draws each hogel into its own layer, if the device lets vertex shaders select layers;
+// without it, a submission has one hogel.
 
 #ifdef WITH_LAYERS
 #extension GL_ARB_shader_viewport_layer_array : require
@@ -14,12 +15,12 @@
 in uint in_hogel;
 #define clip_from_scene hogels[in_hogel].clip_from_scene
 
-// gl_PrimitiveID would start again with every draw, and Mesa's software pipeline takes triangles apart
-// for it. Here a triangle has the number of its last vertex.
+// gl_PrimitiveID is not used: it restarts with every draw, and with it Mesa's software pipeline
+// processes three vertices per triangle. Here a triangle has the number of its last vertex.
 flat out int numbered;
 flat out uint hogel;
 
-// What belongs to the triangle that a vertex ends, see surface.glsl.
+// Normal and material of the triangle whose last corner is this vertex, see surface.glsl.
 in vec3 in_flat_normal;
 in uvec2 in_flat_surface;
 flat out vec3 flat_normal;
@@ -33,11 +34,12 @@ flat out int numbered;
 
 in vec3 in_position;  // scene units
 
-// Programs with other effects, for many hogels and for reflections must meet the same pixels.
+// Programs for other effects, for many hogels and for reflections must cover the same pixels.
 invariant gl_Position;
 
-// Interpolated at a point within the triangle: with several coverage samples a pixel's center may lie
-// outside, where colors can be negative. With one sample it is the center.
+// Interpolate at a point inside the triangle (`centroid`): with several coverage samples, a pixel's
+// center may be outside the triangle, where interpolated colors can be negative. With one sample,
+// the point is the center.
 
 #ifdef SMOOTH_NORMALS
 in vec3 in_normal;

@@ -1,4 +1,4 @@
-// What differs from hogel to hogel.
+// Matrices of each hogel.
 
 struct Hogel {
     mat4 clip_from_scene;

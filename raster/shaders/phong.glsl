@@ -1,5 +1,5 @@
-// The Phong model without its reflections. A term whose name is not defined is not computed:
-// nothing in the scene calls for it, and it would add zero.
+// Phong model without reflections. A term is computed only if its name is defined. Any other term
+// would add zero to the pictures of this scene.
 
 #ifdef TEXTURES
 #include "texture.glsl"

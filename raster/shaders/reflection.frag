@@ -1,14 +1,16 @@
 #version 450 core
-// What a mirror-like surface adds to its pixel: a pass of its own per camera (paper, section 6).
+// Radiance that a reflective surface adds to its pixel, in a separate pass per camera (paper,
+// section 6).
 //
-// Which triangle a pixel shows, and which camera drew it, is decided by then and looked up. A depth test
-// for equality would add the reflections of all surfaces that tie; there is one identity.
+// The visible triangle of a pixel and its camera are looked up in the identities of the finished
+// picture. A depth test for equality would add the reflections of all surfaces that tie; a pixel
+// has one identity.
 
 #include "triangle.glsl"
 #include "surface.glsl"
 #include "environment.glsl"
 
-layout(location = 0) out vec4 radiance;  // added to what is there
+layout(location = 0) out vec4 radiance;  // added to the picture
 
 #ifdef MULTISAMPLED
 layout(binding = 0) uniform usampler2DMS identities;
@@ -23,7 +25,8 @@ uniform uint camera;
 uniform int sample_count;
 #endif
 
-// Which samples of the pixel show this triangle, drawn by this camera, one bit each.
+// Mask of the samples of the pixel that show this triangle, drawn by this camera; one bit per
+// sample.
 int shown(int triangle) {
     uvec2 identity = uvec2(uint(triangle) + 1u, camera);
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -46,7 +49,8 @@ void main() {
 #ifdef MULTISAMPLED
     gl_SampleMask[0] = mask;
 #endif
-    // C* is the eye's direction mirrored, and so is its reflection R*: what the viewer sees lies along -R*.
+    // The direction C* is opposite to the eye's direction, and so is its reflection R*: the viewer
+    // sees the environment along -R*.
     vec3 N_star = turned_to_camera(triangle);
     vec3 C_star = toward_camera();
     vec3 R = conjugate * reflected(C_star, N_star);

@@ -1,21 +1,21 @@
-// The vectors of a surface as a camera has them (paper, section 3, figure 3).
+// Vectors of a surface for the shading by C or C* (paper, section 3, figure 3).
 //
-// An orthoscopic camera shades with N, E and L. The pseudoscopic camera C* looks back at the viewer, who
-// sees the other side of what the camera is turned to. All three vectors are reversed for it:
+// The orthoscopic camera C shades with N, E and L. The pseudoscopic camera C* looks back at the
+// viewer, and the viewer sees the other side of the surface. All three vectors are reversed for C*:
 //
-//     N* = -N    the surface's orientation: turned to the camera, as for every surface
-//     C* = -E    the direction of the camera, where E is that of the viewer
-//     L* = -L    the pseudoscopic light: as strong, from the opposite direction
+//     N* = -N    the normal is turned to the camera, as for every surface
+//     C* = -E    direction to the camera; E is the direction to the viewer
+//     L* = -L    pseudoscopic light: the same strength from the opposite direction
 //
-// so that N*.L*, N*.C* and R*.L* are N.L, N.E and R.L. The names with a star are those of C*; for C
-// the same lines compute N, E, L and R themselves.
+// Therefore N*.L*, N*.C* and R*.L* are equal to N.L, N.E and R.L. Names with a star are the vectors
+// of C*; for C the same code computes N, E, L and R.
 
 #include "accurate.glsl"
 
-// Of each triangle: its unit normal by the mesh's winding; the number of its material with two flags,
-// and that of its texture + 1.
+// For each triangle: unit normal by the mesh's winding; material number with two flags, and texture
+// number + 1.
 #ifdef MANY
-flat in vec3 flat_normal;  // see hogel.vert: what vertices carry costs less than looking it up
+flat in vec3 flat_normal;  // see hogel.vert: a varying costs less than a look-up
 flat in uvec2 flat_surface;
 #define NORMAL_OF(triangle) flat_normal
 #define SURFACE_OF(triangle) flat_surface
@@ -26,19 +26,19 @@ layout(std430, binding = 6) readonly buffer Surfaces { uvec2 surfaces[]; };
 #define SURFACE_OF(triangle) surfaces[triangle]
 #endif
 
-const uint IS_SMOOTH = 1u << 31;   // all three corners have normals of their own
-const uint IS_COLORED = 1u << 30;  // a corner's color is another than one, which does not multiply
+const uint IS_SMOOTH = 1u << 31;   // all three corners have vertex normals
+const uint IS_COLORED = 1u << 30;  // a corner's color is not one; a color of one would change nothing
 const uint MATERIAL = IS_COLORED - 1u;
 
 struct Material {
     vec4 ambient;
     vec4 diffuse;
-    vec4 specular;     // and in w the exponent
+    vec4 specular;     // the exponent is in w
     vec4 reflectance;  // reflectivity times the environment's strength
 };
 #ifdef MATERIAL_COUNT
 layout(std140, binding = 1) uniform Materials { Material materials[MATERIAL_COUNT]; };
-#else  // too many for a uniform block, which costs less
+#else  // too many materials for a uniform block, which costs less than a storage block
 layout(std430, binding = 7) readonly buffer Materials { Material materials[]; };
 #endif
 
@@ -50,22 +50,23 @@ flat in uint hogel;
 #else
 uniform mat3 line_of_pixel;  // from film coordinates to the direction away from the camera, scene axes
 #endif
-uniform vec2 pixels;         // of the image
+uniform vec2 pixels;         // width and height of the image
 
 #ifdef SMOOTH_NORMALS
 centroid in vec3 smooth_normal;
 #endif
 
-// E for C, and for C* the camera's direction instead of the eye's. It is constant along the line through
-// the pixel's center, and taken from that: the same direction as from the surface point drawn there.
+// Direction to the camera: E for C, C* for C*. It is constant along the line through the pixel's
+// center, and is computed from that line: it is also the direction from the surface point drawn at
+// the pixel.
 vec3 toward_camera() {
     precise vec2 film = 2.0 * gl_FragCoord.xy / pixels - 1.0;
     precise vec3 away = line_of_pixel * vec3(film, 1.0);
     return -unit(away);
 }
 
-// N for C, and N* for C*: OpenGL finds the faces that are turned away from the camera, and they are
-// flipped. For C* these are the ones that face the viewer.
+// N for C, and N* for C*: normals of faces that are turned away from the camera are flipped. For C*
+// these faces are turned toward the viewer.
 vec3 turned_to_camera(int triangle) {
     precise vec3 normal = NORMAL_OF(triangle);
 #ifdef SMOOTH_NORMALS

@@ -1,8 +1,8 @@
-// Textures, filtered here and not by the hardware, whose filters weigh texels in steps of 1/256.
+// Textures, filtered by this code: hardware filters weight texels in steps of 1/256.
 
-// RGBA of 8 bits a channel, all textures one after the other, rows from the top.
+// RGBA with 8 bits per channel, all textures one after the other, rows from the top.
 layout(std430, binding = 9) readonly buffer Texels { uint texels[]; };
-// Of each texture: its first texel, width, height.
+// First texel, width and height of each texture.
 layout(std430, binding = 10) readonly buffer Places { uvec4 places[]; };
 // Linear light of each of the 256 codes of sRGB.
 layout(std430, binding = 11) readonly buffer Decoded { float decoded[256]; };
@@ -12,7 +12,8 @@ vec3 texel(uvec4 place, ivec2 at) {
     return vec3(decoded[code & 255u], decoded[(code >> 8) & 255u], decoded[(code >> 16) & 255u]);
 }
 
-// Decoded, then bilinear between texel centers; repeated; v points up, rows count down.
+// Decode, then interpolate bilinearly between texel centers. Textures repeat; v points up, rows
+// count down.
 vec3 texture_color(uint number, vec2 uv) {
     uvec4 place = places[number];
     ivec2 size = ivec2(place.yz);
