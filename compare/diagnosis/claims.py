@@ -13,8 +13,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-# Size of the triangle that represents a claimed point, relative to the point's largest coordinate:
-# the rounding of the float32 in which images store points.
+# Size of the triangle that represents a claimed point, relative to the point's largest coordinate.
+# It equals the float32 rounding of stored points.
 POINT_SIZE = 2.0**-24
 
 # Largest number of claims taken from one hogel, so that no hogel dominates the fit. Three hogels
@@ -58,7 +58,7 @@ class PixelClaims:
 
 
 def claims_of(scene: Scene, images: Sequence[HogelImage]) -> PixelClaims:
-    """Collect the claims of images at the outlines of triangles, which reveal small displacements.
+    """Collect claims at the outlines of triangles, because outlines reveal small displacements.
 
     If an image names no triangles, its surface points are the claims.
     """
@@ -105,8 +105,9 @@ def outside_px(claims: PixelClaims, model: RendererModel, cap: float) -> Floats:
 def inside_px(claims: PixelClaims, model: RendererModel) -> tuple[Floats, Floats]:
     """Return distances of pixel centers from their triangles' edges, and from their triangles.
 
-    Both are in px, for the projections of C and of C*. The first, (2, N, 3), are signed and
-    positive inside. The second, (2, N), are 0 inside, and infinite behind the camera.
+    Both are in px, for the projections of C and of C*. Distances from edges, (2, N, 3), are
+    positive inside and negative outside. Distances from triangles, (2, N), are 0 inside, and
+    infinite behind the camera.
     """
     scene, (width, height) = claims.scene, claims.scene.frustum.resolution
     (columns, rows), (sx, sy) = scene.plate.hogels, scene.plate.size

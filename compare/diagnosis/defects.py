@@ -2,7 +2,7 @@
 
 A `Hypothesis` holds the fields of `RendererModel` that a discrete defect changes. Each hypothesis
 is tested on the images by itself (`enumeration.compositions`); `hypotheses_in` lists the hypotheses
-that hold in a candidate model. Defects with numbers are the groups of
+that hold in a candidate model. Defects that have a size, such as a shift, are the groups of
 `xfrustum.compare.renderer_model.drawn_model`. `xfrustum.reports.verification.words` makes the
 sentences about defects.
 """
@@ -53,7 +53,7 @@ class Defect:
 
     fault: str  #: name, a code of `verify --json`
     value: float | str  #: size of the defect as a number, or a code
-    low: float | None = None  #: ends of the interval of a number; None if unknown
+    low: float | None = None  #: ends of the interval of `value`; None if unknown
     high: float | None = None
     unit: str | None = None  #: unit of `value`, `low` and `high`; None for codes
     alternatives: tuple[str, ...] = ()  #: names of defects with (nearly) the same images
@@ -61,8 +61,8 @@ class Defect:
     stated: float | str | None = None  #: nominal value, if the report prints it
     #: other values that produce the same images, or codes that the report prints
     details: tuple[str, ...] = ()
-    #: hogels that show images of other apertures, with these apertures; several if their images are
-    #: equal
+    #: hogels that show another aperture's image, each with that aperture; with several apertures if
+    #: their images are equal
     hogels: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
     refuted: bool = False  #: whether hogels fail after correction for this defect
 
@@ -110,8 +110,8 @@ HYPOTHESES = (
         Hypothesis("culling", str(culled), {"culled": culled})
         for culled in (Culled.COUNTERCLOCKWISE, Culled.CLOCKWISE)
     ),
-    # On a convex body, the faces turned away from the viewer are also the farthest; culling is the
-    # more common mistake.
+    # On a convex body, culling gives the same image as this depth test, because the faces turned
+    # away from the viewer are also the farthest. Culling is the more common mistake.
     Hypothesis("back-farthest", "farthest wins", {"back": Back.FARTHEST}),
     *map(_flipped, FLIPPED),
     *SHADINGS,
@@ -180,7 +180,7 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
 
 
 def _of_hogels(model: RendererModel) -> Iterator[Defect]:
-    """Yield the defects of hogels that show another image: exchanged pairs, else stale hogels."""
+    """Yield the defects of hogels that show another's image: stale hogels and exchanged pairs."""
     first = {index: others[0] for index, others in model.shows}
     pairs = {index for index, other in first.items() if first.get(other) == index}
     for name, chosen in ((STALE, first.keys() - pairs), (EXCHANGED, pairs)):
@@ -190,12 +190,12 @@ def _of_hogels(model: RendererModel) -> Iterator[Defect]:
 
 
 def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return the names in all alternatives that do not contain `name`."""
+    """Return the names in all alternatives, except alternatives that contain `name`."""
     return tuple(dict.fromkeys(other for of in names if name not in of for other in of))
 
 
 def one_camera_name(name: str, model: RendererModel) -> str:
-    """Return the name of a number; if only one camera deviates, it begins with the half."""
+    """Return a number's defect name, with the prefix back- or front- if one camera deviates."""
     camera = model.one_camera
     if camera is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
         return name
@@ -217,7 +217,7 @@ def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[s
 
 
 def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator[Defect]:
-    """Yield the defects of numbers that deviate from nominal, with intervals."""
+    """Yield a defect with an interval for each number that deviates from nominal."""
     values, stated, screen = fit.model.parameters, nominal.parameters, scene.frustum.screen
     off = np.abs(values - stated) > smallest_named(scene)
     odd = np.flatnonzero(off & ~((fit.low <= stated) & (stated <= fit.high)))
@@ -251,7 +251,7 @@ def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator
 
 
 def _instead(own: str, names: Sequence[str]) -> Sequence[str]:
-    """Return possible substitutes of a number: ratios for a ratio, lengths along the same axis."""
+    """Return the names that can replace a number: ratios for a ratio, numbers of the same axis."""
     alike = [name for name in names if _is_ratio(name) == _is_ratio(own)] or names
     axis = axis_of(own)
     return [name for name in alike if not axis or axis_of(name) in ("", axis)] or alike

@@ -40,12 +40,12 @@ from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import OTHER_FIELDS, Recentering, RendererModel
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
-# Smallest number of claims for a fit of geometry: several for each of the fitted numbers and the
-# two symmetries.
+# Smallest number of claims for a fit of geometry: several for each fitted number, and for the
+# orientation and the order.
 MIN_FITTED_CLAIMS = 100
 
-# Largest number of camera defects that is accepted without trying other axes: two may really be an
-# orientation and an order of hogels.
+# Largest number of camera defects that is accepted without trying other axes: a renderer may have
+# both a wrong orientation and a wrong order of hogels.
 MAX_CAMERA_DEFECTS = 2
 
 # Factors of the shear of views for a coarse search, then relative changes of the best factor for a
@@ -55,7 +55,7 @@ MAX_CAMERA_DEFECTS = 2
 TRIED_VIEW_SHEARS, FINER_STEPS = np.geomspace(0.4, 2.5, 185), np.linspace(-0.015, 0.015, 61)
 VIEW_SHEAR_CAP_PX = 4.0
 
-# Numbers along both axes that look like a wrong shear in a single aperture.
+# Numbers that look like a wrong shear in a single aperture if they deviate along both axes.
 MOVED_BY_SHEARS = ("screen-center", "back-shift", "front-shift")
 
 
@@ -99,7 +99,7 @@ class Diagnosis:
     #: defects of the best candidate, if it explains too little
     does_not_explain: tuple[Defect, ...] = ()
     evidence: Evidence = Evidence()
-    #: judged hogels that contradict the defects, which are then only a guess
+    #: judged hogels that contradict the defects; the defects are then in `does_not_explain`
     refutation: Refutation | None = None
 
     @property
@@ -187,8 +187,8 @@ def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Dia
     """Return a diagnosis that keeps its defects only if all hogels pass after correction for them.
 
     A diagnosis is based on the wrong pixels of some hogels. The verdict applies the limits to all
-    hogels, before and after correction. If a hogel still fails, the defects become guesses, with
-    the share of the wrong pixels of all judged hogels that they explain.
+    hogels, before and after correction. If a hogel still fails, the defects become guesses. Their
+    share is then the explained part of the wrong pixels in all judged hogels.
     """
     judged = [hogel for hogel in hogels if hogel.as_found and hogel.corrected]
     failed = tuple(hogel.aperture.index for hogel in judged if not hogel.mended)
@@ -234,9 +234,10 @@ def _of_wrong(test: TestSet) -> Diagnosis:
         diagnosis = replace(diagnosis, does_not_explain=faults or _named(test, fit))
     elif share is not None and test.pays(best.model):
         diagnosis = replace(diagnosis, model=best.model, faults=faults)
-    # else the wrong pixels have causes that are not defects (rounding), and need no other model
+    # Otherwise the wrong pixels have causes that are not defects (rounding), and need no other
+    # model.
     # Step 3: try other axes, single hogels and missing objects if wrong pixels remain. Try other
-    # axes also in place of several camera defects, which may produce the same pictures.
+    # axes also if there are several camera defects, because both may produce the same pictures.
     starts = [best] if diagnosis.faults else [GeometryFit.exact(nominal), best]
     if whole.leaves_outliers(diagnosis.model):
         hogels, objects = with_other_hogels(whole, starts), without_objects(whole, starts)
@@ -249,7 +250,7 @@ def _of_wrong(test: TestSet) -> Diagnosis:
 
 
 def _fitted(test: TestSet) -> tuple[GeometryFit, Evidence]:
-    """Return the fit to the claims of images, else to their pictures, and the evidence."""
+    """Return a fit and its evidence: a fit to claims, or the registration of pictures."""
     claims, claiming = _claims(test)
     if claims is not None:
         fit = fit_geometry(claims, test.nominal)
@@ -275,7 +276,7 @@ def _with_other_defects(
     for fit in candidates:
         others = {name: getattr(fit.model, name) for name in OTHER_FIELDS}
         model, named = replace(test.reduced(fit.model), **others), dict(fit.model.shows)
-        # Hogels that a defect names must also be explained by themselves.
+        # A defect that names hogels must also explain these hogels by themselves.
         odd = [image for image in test.images if image.camera.aperture.index in named]
         of_named = test.of(odd) if odd else test
         if not (test.explains(model) and test.spares(model) and of_named.explains(model)):
@@ -293,7 +294,7 @@ def _with_other_defects(
 
 
 def _with_lens(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with pixels at equal angles if only this explains the pictures.
+    """Return a diagnosis with pixels at equal angles if only equal angles explain the pictures.
 
     Images that name triangles are left out: `fit_geometry` has tried equal angles on them.
     """
@@ -332,7 +333,7 @@ def _with_shading(test: TestSet, diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _claims(test: TestSet) -> tuple[PixelClaims | None, int]:
-    """Return the claims of images, None if too few for a fit, and the number of claiming images."""
+    """Return claims of images (None if too few for a fit), and the number of claiming images."""
 
     def claiming(image: HogelImage) -> bool:
         named = (image.triangle != NOTHING).any()
@@ -350,7 +351,7 @@ def _named(test: TestSet, fit: GeometryFit) -> tuple[Defect, ...]:
 
 
 def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
-    """Return the candidate that explains most wrong pixels, without superfluous defects."""
+    """Return the candidate that explains the most wrong pixels, without superfluous defects."""
     # Step 1: the fitted candidate, with the composition of halves that fits the images.
     nominal, recentered = test.nominal, test.reference.scene.frustum.recentered
     model, *others = compositions(test, fit.model)
@@ -367,7 +368,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
         model = next(filter(test.explains, sheared), model)
     if test.explains(model):
         others = [*fit.alternatives, *others, *equivalents(test, model, by_depth=fit.by_color)]
-        # A wrong shear is one mistake; a screen or film moved by as much along both axes is two.
+        # Prefer a wrong shear, which is one mistake, to a screen or film moved along both axes.
         faults = {defect.fault for defect in _named(test, replace(fit, model=model))}
         moved = any({f"{name}-x", f"{name}-y"} <= faults for name in MOVED_BY_SHEARS)
         best = next((other for other in others if moved and other.recentering in shears), None)
@@ -375,8 +376,8 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
             return replace(fit, model=model, alternatives=tuple(others))
         others = [model, *(other for other in others if other != best)]
     else:
-        # Step 2: alternatives of the fit. The same claims hold, but the reach may cut surfaces
-        # differently.
+        # Step 2: alternatives of the fit. The same claims hold under them, but the reach may cut
+        # surfaces differently.
         best = next(filter(test.explains, fit.alternatives), None)
         others = [fit.model, *(other for other in fit.alternatives if other != best)]
     if best is None:
@@ -410,7 +411,7 @@ def _unfitted(
             for size in (replace(way, scene_scale=factor) for factor in MISTAKEN_UNITS):
                 tried += [size, *equivalents(test, size)]
     if fit.by_color:
-        # Registration scales the whole picture. A near offset scales it only at one depth.
+        # Registration scales the whole picture alike. A near offset scales it by depth.
         tried.append(compositions(test, with_near(test, model))[0])
         if nominal not in (model, plain):
             # If only one half is mirrored, registration may have turned the picture to fit this

@@ -2,8 +2,8 @@
 
 A reading maps stored bytes to numbers or colors. Triangle numbers are tested by their claims
 (`xfrustum.compare.diagnosis.geometry_fit`), which do not depend on occlusion. Other readings are
-compared with the truth as it would be stored, undamaged or damaged. Another reading is a finding
-only if it fits and the stated reading does not.
+compared with the truth, encoded with and without damage. Another reading is accepted only if it
+fits and the stated reading does not.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ ENCODING_FAULTS = (
 
 TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 
-# Damage that loses only number 0, because it is stored as no surface is; not a defect by itself.
+# Damage that loses only number 0, stored like the background. It is not a defect by itself.
 FIRST_NUMBER = "first"
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
@@ -68,10 +68,10 @@ NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
 # reported first.
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 
-# Mean distances by which claims fail. For a correct reading, at most 20 times the distance by which
-# rasterizers snap edges (`geometry_fit.SNAP_PX`). For a failed reading at least a pixel, at which
-# claims on both sides of a triangle fail. A single claim counts at most the cap, as does a triangle
-# number that does not exist.
+# Limits of the mean distance, in pixels, by which claims fail: at most `MAX_HELD_MISFIT_PX` for a
+# correct reading, 20 times the distance by which rasterizers snap edges (`geometry_fit.SNAP_PX`),
+# and at least `MIN_FAILED_MISFIT_PX` for a failed reading. A single claim counts at most the cap. A
+# triangle number that does not exist counts the cap.
 MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
 # Smallest ratio of the misfit of the stated reading to the misfit of a better reading. On a fine
@@ -84,20 +84,21 @@ MIN_IMPROVEMENT = 4.0
 MIN_VALID_FRACTION = 0.99
 
 # Smallest number of claims that distinguishes readings. Largest numbers of claims, of hogels, and
-# of rows and columns of each in the search: more do not change the result. Tested near offsets, as
-# fractions of the reach.
+# of rows and columns per hogel in the search; larger numbers do not change the result. Tested near
+# offsets, as fractions of the reach.
 MIN_CLAIMS, MAX_SEARCHED_CLAIMS, MAX_COMPARED_HOGELS, COMPARED_LINES = 100, 600, 3, 100
 NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
 
 # Smallest shares of pixels that agree with the truth to within a pixel under a correct reading, or
-# that a kind of damage explains, as `testset.MIN_EXPLAINED_FRACTION`. The second share applies to
-# object numbers if a renderer may have another near offset or a moved scene, which change them.
+# are explained by damage; the first equals `testset.MIN_EXPLAINED_FRACTION`. The second share
+# applies if the author stated object numbers: the renderer may also have another near offset or a
+# moved scene, and these change object numbers.
 MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
 
 # Smallest share of pixels of a resampled picture with a number between their neighbors' numbers; a
-# smaller share is chance. And the smallest ratio of the count of distinct integers to this count in
-# the truth: interpolation makes new values, while a permutation, such as objects in another order,
-# keeps the count.
+# smaller share is chance. Smallest ratio of the count of distinct integers in the picture to their
+# count in the truth: interpolation makes new values, while a permutation, such as objects in
+# another order, keeps the count.
 MIN_MIXED_FRACTION, MIN_VALUES_FACTOR = 0.01, 1.2
 
 # Largest change of a byte by lossy compression. JPEG of quality 75 quantizes low frequencies of
@@ -106,13 +107,14 @@ MAX_LOSSY_STEPS = 24
 
 # Smallest number of gray values in a shaded picture; masks and outlines have fewer. Smallest
 # correlation of brightness with the truth; numbers have random correlation. Smallest share of
-# pixels as bright as the truth for pictures to be read as sRGB: nearly all under the correct
-# reading, few under another.
+# pixels as bright as the truth at which a picture is read as sRGB: nearly all pixels are as bright
+# under the correct reading, and few under another reading.
 MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
 
-# Largest distance between the quantiles of brightness of image and truth under another transfer
-# function, relative to this distance under the stated function. Quantiles hardly depend on geometry
-# if the same surfaces are visible. The diagnosis of the decoded pictures is the test.
+# Another transfer function is accepted if it reduces the distance between the brightness quantiles
+# of image and truth to at most this share of the distance under the stated function. Quantiles
+# hardly depend on geometry if the same surfaces are visible. The diagnosis of the decoded pictures
+# is the final test.
 MAX_TRANSFER_DISTANCE = 0.5
 
 # Transfer functions that `--encoding` can state, and their encodings.
@@ -127,7 +129,7 @@ _NAMED_TRANSFERS = {
 
 @dataclass(frozen=True, kw_only=True)
 class IdRepair:
-    """Repair of damaged numbers by the truth, and the share of pixels that it explains.
+    """Repair of damaged numbers by the truth, and the share of pixels that the damage explains.
 
     Repaired numbers are used only for figures after correction; no image passes because of them.
     """
@@ -159,7 +161,7 @@ class IdRepair:
 
 
 def _stated(reference: Reference, nominal: RendererModel, index: tuple[int, int]) -> HogelImage:
-    """Return the expected image of an aperture by the author's statements."""
+    """Return an aperture's image as expected from the author's statements."""
     aperture = reference.scene.plate.aperture(*index)
     if nominal == TRUE:
         return reference.trace(aperture)
@@ -203,7 +205,7 @@ class _TruthPair:
         return np.asarray((self.rgb != 0).any(axis=-1))
 
     def numbers(self, reading: Reading) -> Numbers:
-        """Return the true numbers (9, h, w) of objects or triangles, as a reading has them."""
+        """Return the true numbers (9, h, w) of objects or of triangles, whichever are stored."""
         return self.object if reading.encoding is Encoding.OBJECT_ID else self.triangle
 
     def stored(self, reading: Reading) -> Numbers:
@@ -215,10 +217,10 @@ class _TruthPair:
         return np.asarray(reading.packed(self.rgb) == self.stored(reading))
 
     def explained(self, damage: IdRepair) -> Mask:
-        """Return a mask of pixels whose bytes are damaged numbers of themselves or a neighbor.
+        """Return a mask (n, h, w) of pixels whose bytes are their or a neighbor's damaged number.
 
-        It is (n, h, w). For mixed numbers n is 1: the bytes are within the range of the neighbors'
-        bytes.
+        For interpolated or lossy numbers n is 1: the pixel's bytes must be within the range of the
+        neighbors' bytes.
         """
         reading = damage.reading
         stored, packed = self.stored(reading), reading.packed(self.rgb)
@@ -245,8 +247,8 @@ class FoundEncoding:
 
     faults: tuple[Defect, ...] = ()  #: differences from the stated reading
     reading: Reading | None = None  #: None for the stated reading
-    #: repair of lost numbers for figures after correction: of all numbers, or only of 0, which is
-    #: stored as no surface is
+    #: repair of lost numbers for figures after correction: of all numbers, or only of number 0,
+    #: which is stored like the background
     restoring: IdRepair | None = None
 
     @property
@@ -294,7 +296,8 @@ def find_encoding(
 def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEncoding:
     """Select the transfer function whose distribution of brightness is closest to the truth.
 
-    Geometry is not known yet, so that the diagnosis of the decoded pictures is the test.
+    The geometry is still unknown, so that only the diagnosis of the decoded pictures tests the
+    transfer function.
     """
     if not all(is_picture(image) and image.color is not None for image in images):
         return FoundEncoding()
@@ -323,7 +326,7 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Search:
-    """Search for another reading of the stored pixels than `stated`."""
+    """Search for a reading of the stored pixels other than `stated`."""
 
     reference: Reference
     images: Sequence[HogelImage]
@@ -344,7 +347,7 @@ class _Search:
         return lru_cache(None)(lambda index: _stated(self.reference, self.nominal, index))
 
     def reading(self) -> FoundEncoding | None:
-        """Return another reading that holds if the stated reading fails; None if there is none."""
+        """Return another reading that holds if the stated reading fails, else None."""
         stated, pictures = self.stated, any(map(is_picture, self.images))
         triangles, objects = (replace(stated, encoding=encoding) for encoding in NUMBER_ENCODINGS)
         if stated.encoding is Encoding.RGB:
@@ -367,12 +370,12 @@ class _Search:
             if result is None and left <= MIN_FAILED_MISFIT_PX:
                 return None
             # Numbers are undamaged if a camera can draw their triangles at these pixels. This test
-            # comes before damage, which would explain nearly any number in a scene of few
-            # triangles.
+            # comes before the tests of damage, because damage would explain nearly any number in a
+            # scene of few triangles.
             result = result or self._by_objects(objects, 0.0) or self._drawn()
         # The remaining readings are compared with the truth.
         result = result or self._overflown() or self._mixed()
-        # If nearly all pixels are numbers that exist in the scene, they are not colors.
+        # If nearly all pixels hold numbers that exist in the scene, they do not hold colors.
         if result is None and pictures and self._valid_share(stated) < MIN_VALID_FRACTION:
             return self._colors()
         return result
@@ -380,7 +383,7 @@ class _Search:
     def _best(
         self, damage: IdRepair, matching: Callable[[_TruthPair], Mask] | None = None
     ) -> tuple[IdRepair, list[_TruthPair]]:
-        """Return damage with the conventions under which most pixels match, and the pairs."""
+        """Return damage with the conventions under which most pixels match, and image pairs."""
         matching = matching or (lambda pair: pair.explained(damage))
         damage, best = replace(damage, nominal=self.nominal), list[_TruthPair]()
         hogels = self.reference.scene.plate.hogels
@@ -409,7 +412,8 @@ class _Search:
     def _colors(self) -> FoundEncoding | None:
         """Return the reading of pixels that are colors of the scene; None for other pixels."""
         colors = Reading(encoding=Encoding.RGB)
-        # Pixels match if they are lit and the truth near them has a surface, or neither.
+        # A pixel matches if it is lit and the truth has a surface there or at a neighbor, or if it
+        # is dark and the truth has background there or at a neighbor.
         result, parts = self._best(
             IdRepair(kind=WRONG_ENCODING, reading=colors),
             lambda pair: (pair.triangle != NOTHING) == pair.lit,
@@ -471,7 +475,7 @@ class _Search:
         return None
 
     def _drawn(self) -> FoundEncoding | None:
-        """Return the stated reading if claims hold with at most one wrong group of numbers."""
+        """Return the stated reading if claims hold with at most one group off nominal."""
         claims = self._read(self.stated)
         if len(claims) < MIN_CLAIMS:
             return None
@@ -483,7 +487,7 @@ class _Search:
         _, first = np.unique(self.reference.scene.object_of_triangle, return_index=True)
         damage = IdRepair(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
         result, parts = self._best(damage)
-        # Numbers of the first object do not change, so that the others must show the restart.
+        # Numbers of the first object do not change: the numbers of other objects must restart.
         matching = [np.asarray(part.explained(result).any(axis=0)) for part in parts]
         others = np.concatenate(
             [match[part.object[0] > 0] for match, part in zip(matching, parts, strict=True)]

@@ -62,9 +62,9 @@ COMPOSITIONS: tuple[tuple[Hypothesis, ...], ...] = (
 # fewer pixels.
 MIN_DIFFERING_PIXELS = 20
 
-# Smallest gain of right pixels, relative to the best composition, of an equally good composition.
-# For example, culling the faces toward the viewer of a closed body and drawing the surface nearest
-# to the plate give the same image. Two percent allow for rounding of outlines.
+# A composition is as good as the best if its gain of right pixels is at least this share of the
+# best gain. For example, culling the faces of a closed body toward the viewer gives the same image
+# as drawing the surface nearest to the plate. Two percent allow for rounding of outlines.
 MIN_ALIKE_FRACTION = 0.98
 
 # Axes drawn in place of x, y and z.
@@ -80,17 +80,17 @@ MIN_PART_CLAIMS = 30
 MAX_MISSING_OBJECTS = 4
 
 # Largest share of hogels that may show images of other apertures; if more are wrong, the cause
-# affects the whole plate. Largest distance of these apertures in columns and rows. Largest number
-# of apertures drawn per hogel, with claims to rank them and without. Largest share of wrong pixels
-# that may remain.
+# affects the whole plate. Largest distance, in columns and rows, between a hogel and the aperture
+# whose image it shows. Largest numbers of apertures drawn per hogel: if claims rank the apertures,
+# and if not. Largest share of wrong pixels that may remain.
 MAX_ODD_HOGEL_FRACTION, MAX_APART, MAX_RANKED, MAX_NEIGHBORS = 0.5, 9, 2, 12
 MAX_LEFT_FRACTION = 0.1
 
 # Quantiles of vertex height at which equivalents of shifts are tried.
 TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
-# Largest relative difference of the pitches of columns and rows that count as equal. Half of it,
-# `drawn_model.SMALLEST_FACTOR`, is the largest deviation of each that is not reported.
+# Largest relative difference at which the pitches of columns and rows count as equal: twice the
+# largest deviation of a pitch that is not reported (`drawn_model.SMALLEST_FACTOR`).
 MAX_PITCH_DIFFERENCE = 1e-3
 
 
@@ -116,8 +116,8 @@ def _best_compositions(
 
     def possible(way: tuple[Hypothesis, ...]) -> bool:
         fields = set[str]().union(*(hypothesis.fields for hypothesis in way))
-        # A single deviating camera is not mirrored as well. Uneven films are ray traced, without
-        # culling. Flat normals differ only in scenes with interpolated normals.
+        # If one camera deviates already, mirroring is not tried as well. Uneven films are ray
+        # traced, without culling. Flat normals differ only in scenes with interpolated normals.
         return not (
             ("one_camera" in fields and model.one_camera is not None)
             or ("culled" in fields and model.film != EVEN)
@@ -175,7 +175,7 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
     turned = list(orientations(scene.frustum.resolution))
     orders = list(orientations(scene.plate.hogels)) if len(claiming) > 1 else [UPRIGHT]
     if not claiming:
-        # Registration may have turned pictures to fit other axes, and its order may be right.
+        # Registration may have turned pictures because of other axes, or may be right: try both.
         turned = list(dict.fromkeys((nominal.orientation, plain.model.orientation)))
         orders = list(dict.fromkeys((nominal.order, plain.model.order)))
     ways = [
@@ -198,7 +198,7 @@ def with_axes(test: TestSet, plain: GeometryFit) -> Iterator[GeometryFit]:
             candidates.append((least, replace(fit, model=replace(fit.model, axes=axes))))
 
     def rank(entry: tuple[float, GeometryFit]) -> tuple[int, float]:
-        # Other axes may look like a turned scene in turned pictures: fewer defects come first.
+        # Several axes, with differently turned pictures, may look alike: prefer fewer defects.
         misfit, model = entry[0], entry[1].model
         others = (model.orientation != nominal.orientation) + (model.order != nominal.order)
         return others, misfit
@@ -230,7 +230,7 @@ def without_objects(test: TestSet, fits: Sequence[GeometryFit]) -> Iterator[Geom
 
 
 def _most_wrong_object(test: TestSet, model: RendererModel) -> int:
-    """Return the object that a candidate draws in most of its wrong pixels, or `NOTHING`."""
+    """Return the object that a candidate draws at most of its wrong pixels, or `NOTHING`."""
     reference, counts = drawn_scene(test.reference, model), np.zeros(0, dtype=np.int64)
     for image, wrong in zip(test.tested, test.mask(model, explained=True), strict=True):
         aperture = model.answers(reference.scene, image.camera.aperture)
@@ -352,7 +352,7 @@ def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererMo
 
     If all visible surfaces are on one side of the plate, images contain nothing of the other
     camera. In a single aperture, a missing or reversed shear is equivalent to a moved screen, and a
-    reversed shear of one camera to a shift of its film.
+    reversed shear of one camera is equivalent to a shift of its film.
     """
     nominal, scene = test.nominal, test.reference.scene
     screen, right = scene.frustum.screen, model.recentering is nominal.recentering

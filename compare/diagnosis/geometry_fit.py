@@ -3,11 +3,11 @@
 A claim (`claims.PixelClaims`) states that a pixel of a file shows a triangle. With any occlusion, a
 renderer shows a triangle only where it projects. Conventions and geometry can therefore be
 determined without visibility: under the correct candidate model every claim holds; under a wrong
-one many fail, each by a distance in pixels. First, the discrete conventions with the smallest mean
-failure are selected. Then the numbers of `drawn_model.GROUPS` are fitted by robust least squares.
-As few groups as possible deviate from their nominal values; other sets of as many groups that fit
-equally well are alternatives. Last, each number gets an interval: all values under which no claim
-fails by more than the rounding of drawing.
+candidate many claims fail, each by a distance in pixels. First, the discrete conventions with the
+smallest mean failure are selected. Then the numbers of `drawn_model.GROUPS` are fitted by robust
+least squares. As few groups as possible deviate from their nominal values; other sets with the same
+number of groups are alternatives if they fit equally well. Last, each number gets an interval: all
+values under which no claim fails by more than the rounding of drawing.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 
-# Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8
-# subpixel bits that graphics hardware has.
+# Largest distance by which rasterizers move edges, in pixels: half the diagonal of a subpixel cell.
+# Graphics hardware has 8 subpixel bits.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
 # Largest numbers of claims used by the search, the screening of candidates, the fit and the
@@ -62,12 +62,12 @@ MAX_MISPLACED_FRACTION, MAX_NOISE_PX = 0.01, 1.0
 
 # Largest ratio of the noise of a simpler candidate to the noise of the best candidate at which the
 # simpler candidate counts as equally good. It also limits the ratio of noise on few claims to noise
-# on all claims. Both compare two noises of similar size.
+# on all claims.
 NOISE_FACTOR = 2.0
 
-# A hogel is spoiled, and left out, if at least the first share of its claims fails by more than
-# `MAX_NOISE_PX`: ten times the share that may fail under the correct candidate. At most the second
-# share of hogels is left out: a rule that fewer than half of the hogels follow is not a convention.
+# A hogel is spoiled, and left out, if at least a tenth of its claims fails by more than
+# `MAX_NOISE_PX`: ten times the share that may fail under the correct candidate. At most half of the
+# hogels are left out: a rule that fewer than half of the hogels follow is not a convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
 # Groups that are fitted first, because their numbers are fewer and better conditioned. Largest
@@ -105,9 +105,9 @@ SMALLEST_SLOPE_PX = 1e-9
 UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 
 # Starting points, of which `MAX_STARTS` are fitted. Near offsets, as fractions of the reach, and
-# the one with which wrong shears are tried; smaller ones move pictures less. Scales of the scene;
-# larger scales look like the last. Extents of the film, for angles confused with half angles.
-# Heights of the screen.
+# the fraction with which wrong shears are tried; smaller offsets move pictures less. Scales of the
+# scene; larger scales look like the last. Extents of the film, for angles confused with half
+# angles. Heights of the screen.
 START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist()), 0.03, 4
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
 
@@ -156,7 +156,7 @@ def fit_geometry(
 
     A single hogel does not determine order and pitch. `nominal` is the model of the renderer
     according to its author. A `simple` fit has at most a lens and one group of numbers off nominal.
-    If no such candidate holds, it is nominal.
+    If no such candidate holds, the simple fit is nominal.
     """
     search = _Search(scene=claims.scene, nominal=nominal)
     some, spoiled = claims.thinned(MAX_FITTED_CLAIMS), frozenset[tuple[int, int]]()
@@ -217,7 +217,7 @@ def _without_spoiled(
 ) -> tuple[PixelClaims, frozenset[tuple[int, int]]]:
     """Return the claims without spoiled hogels, and the indices of these hogels.
 
-    If most hogels would be left out, the candidate is wrong and not the hogels: all are kept.
+    If most hogels would be left out, the candidate is wrong and not the hogels: keep all hogels.
     """
     off = outside_px(claims, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
@@ -243,7 +243,7 @@ def _changes(model: RendererModel) -> tuple[int, int]:
 
 
 def _with_pivots(model: RendererModel) -> list[RendererModel]:
-    """Return a candidate with every pivot and fit of the offset cameras."""
+    """Return copies of a candidate, one for each pivot and fit of the offset cameras."""
     return [
         replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)
     ]
@@ -337,7 +337,7 @@ class _Search:
         *,
         roughly: bool = False,
     ) -> RendererModel:
-        """Fit some groups of a candidate, others nominal; to about a pixel if `roughly`."""
+        """Fit the groups `free`, with the others nominal; to about a pixel if `roughly`."""
         values, index = self.nominal.parameters, _determined(self.scene, free)
         if not index:
             return start.with_parameters(values)
@@ -399,7 +399,7 @@ class _Search:
     def joint(
         self, claims: PixelClaims, freest: RendererModel, alone: Sequence[RendererModel]
     ) -> Found:
-        """Return the simplest candidates that fit as well as `freest`, which is fitted again."""
+        """Fit `freest` again, and return the simplest candidates that fit as well."""
         freest = self.fitted(claims, freest, self.groups(claims, together=True))
         noise = _noise(claims, freest)
         if noise <= MAX_NOISE_PX:
@@ -449,7 +449,7 @@ class _Search:
                 break
         ranked = sorted(passing.values(), key=lambda entry: entry[0])
         turned = [(model.orientation, model.order) for _, model, _ in ranked]
-        # A mirrored picture with the other half mirrored is the same explanation, not another one.
+        # Mirroring one half explains the same as mirroring the picture and the other half.
         return [
             (model, free)
             for (_, model, free), way in zip(ranked, turned, strict=True)
@@ -478,7 +478,7 @@ class _Search:
     def variants(
         self, starts: Sequence[RendererModel], free: tuple[str, ...]
     ) -> list[RendererModel]:
-        """Return the start values of fits of some groups, from the starting points.
+        """Return the candidates from which fits of some groups start, made from starting points.
 
         Defects are translated between equivalent groups. The freest candidate always has a moved
         scene in place of moved apertures. It may have a changed aperture pitch in place of a
@@ -553,7 +553,7 @@ def _interval(
     )
     if unseen:
         box[-1, 1] = UNSEEN_NEAR_PER_REACH * claims.scene.frustum.longest_reach / steps[-1]
-        # Surfaces in the plate itself move by any distance, not proportionally.
+        # Surfaces in the plate itself move by any distance, not in proportion to the offset.
         kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
     # Step 3: the smallest and the largest value of each number in the cell. Numbers are scaled to
     # the largest displacement of an outline, in pixels. With unscaled columns of 1e-8 and 1e-5 px

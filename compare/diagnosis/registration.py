@@ -67,8 +67,8 @@ MAX_BRIGHTNESS_DIFFERENCE = 0.05
 class _Pair:
     """Brightness (H, W) of an upright image, and the reference's finer and wider picture.
 
-    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, which
-    differs between hogels. Without offsets, the best shift would always be a whole number of the
+    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image. Each
+    hogel has another offset. Without offsets, the best shift would always be a whole number of the
     picture's pixels.
     """
 

@@ -32,23 +32,23 @@ whose outlines are not excused, and for a small second defect. A wrong candidate
 wrong pixels unexplained."""
 
 # Largest number of right pixels that a diagnosis may make wrong without a known cause, relative to
-# the wrong pixels that it makes right. The renderer's true conventions make none wrong. A defect of
-# one camera or object that is attributed to all of them makes right pixels wrong.
+# the wrong pixels that it makes right. The renderer's true conventions make none wrong. If a defect
+# of one camera or object is attributed to all of them, right pixels become wrong.
 MAX_SPOILED_FRACTION = 0.02
 
-# Largest number of tested hogels, spread over the sample. Each has thousands of pixels, so that the
-# shares of one hogel and of all differ by a few percent.
+# Largest number of tested hogels, spread over the sample. Each has thousands of pixels, so that a
+# share measured in one hogel is within a few percent of the share in all hogels.
 MAX_TESTED_HOGELS = 9
 
-# Smallest number of pixels that a defect makes right, less the pixels that it makes wrong, in
-# standard deviations of this difference for random changes.
+# Smallest net gain of a defect: the pixels that it makes right minus the pixels that it makes
+# wrong, in standard deviations of this difference for random changes.
 MIN_GAIN_DEVIATIONS = 2.0
 
-# Share of covered pixels that are wrong above which gross mistakes are tried: with a scene scaled
-# by ten nearly all are wrong.
+# Share of wrong pixels among the covered pixels above which gross mistakes are tried: if a scene is
+# scaled by ten, nearly all covered pixels are wrong.
 GROSS_WRONG_FRACTION = 0.5
 
-# Smallest share of pixels wrong without a cause that makes a hogel an outlier.
+# Share of pixels that are wrong without a known cause, above which a hogel is an outlier.
 MIN_OUTLYING_FRACTION = 0.02
 
 
@@ -98,7 +98,7 @@ class TestSet:
         return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def mask(self, model: RendererModel, *, explained: bool = False) -> Mask:
-        """Return a candidate's wrong pixels (N, H, W), without a cause if `explained`."""
+        """Return a candidate's wrong pixels (N, H, W); if `explained`, only without a cause."""
         if (model, explained) not in self.masks:
             pairs = [
                 wrong_pixels(self.reference, model, image, self.judging, explained=explained)
