@@ -1,7 +1,7 @@
 """Views replayed to an eye, and their losses.
 
-The display loses from the true view to the replayed truth (A against B), a renderer from the
-replayed truth to its own replayed hogels (B against C).
+The loss of a display is the difference of the replayed truth (B) from the true view (A). The loss
+of a renderer is the difference of its replayed hogels (C) from the replayed truth (B).
 """
 
 import math
@@ -38,8 +38,7 @@ ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 
 LEVELS = 255  #: 8-bit value of radiance one
 
-#: color type of drawn hogels, which is also the type of stored plates, so that both have equal
-#: pixels
+#: color type of drawn hogels; stored plates have the same type, so that both have equal pixels
 DEFAULT_COLOR = ColorType.FLOAT16
 
 #: Largest distance beyond a camera's range at which a point still counts as drawn by this camera,
@@ -47,17 +46,18 @@ DEFAULT_COLOR = ColorType.FLOAT16
 #: by about a hundred.
 HEIGHT_TOLERANCE = 2.0**-16
 
-#: largest resolution of an eye, pixels a degree: eyes resolve 60, and filters of FLIP grow with it
+#: largest resolution of an eye, pixels a degree: eyes resolve 60, and larger numbers make the
+#: filters of FLIP large
 MAX_PIXELS_PER_DEGREE = 10_000
 
 
 def drawn_points(
     scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, triangle: Numbers
 ) -> Floats:
-    """Return surface points (H, W, 3) of triangle numbers (H, W), scene units; NaN for none.
+    """Return surface points (H, W, 3) of triangle numbers (H, W), scene units, else NaN.
 
-    A point lies where the line of the camera meets the plane of the triangle. The last
-    camera in drawing order with the point between its ends shows it.
+    A point lies where the line of a camera meets the plane of the triangle. It is shown by the last
+    camera, in drawing order, whose range of heights contains it.
     """
     rows, columns = np.nonzero(triangle != NOTHING)
     corners = scene.triangles[triangle[rows, columns]]
@@ -107,9 +107,9 @@ class DrawnHogel:
     index: tuple[int, int]
     #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
     color: NDArray[Any] | None = None
-    #: (H, W), `NOTHING` for none
+    #: (H, W) triangle numbers, `NOTHING` without a surface
     triangle: Numbers | None = None
-    #: (H, W), `NOTHING` for none
+    #: (H, W) object numbers, `NOTHING` without a surface
     object: Numbers | None = None
     #: (H, W, 3) surface points, scene units
     position: NDArray[np.floating] | None = None
@@ -118,7 +118,7 @@ class DrawnHogel:
 class Collector:
     """Picture of one eye, filled hogel by hogel.
 
-    Surface points of named triangles follow from the settings of the cameras, where known.
+    If the settings of the cameras are known, they give the surface points of named triangles.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class Collector:
 
 
 def _blocks(pixels: HogelPixels, index: tuple[int, int]) -> tuple[Block, Block]:
-    """Return the places of a hogel's pixels in the eye's picture and in its own."""
+    """Return the places of a hogel's pixels in the eye's picture and in the hogel's image."""
     rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
     columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
     return np.ix_(rows, columns), np.ix_(pixels.film_row[rows], pixels.film_column[columns])
@@ -186,7 +186,7 @@ def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> 
 
 
 def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
-    """Return the smallest part of each hogel's film with all of its pixels in some views.
+    """Return the smallest part of each hogel's film that contains its pixels in some views.
 
     Hogels, by column and row, are sorted row by row.
     """
@@ -206,7 +206,7 @@ def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
 
 
 def drawn_hogels(renderer: PlateRenderer, parts: FilmParts) -> Iterator[DrawnHogel]:
-    """Draw parts of hogels and yield them in order; pixels outside of the parts have no meaning."""
+    """Draw parts of hogels and yield them in order; pixels outside of the parts are undefined."""
     plate = renderer.scene.plate
     for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
         yield DrawnHogel(index=hogel.aperture.index, color=hogel.color, triangle=hogel.triangle)
@@ -235,11 +235,11 @@ class Loss:
     judged: int
     #: judged pixels with a wrong surface; None if the view names no surfaces
     wrong: int | None
-    #: wrong over judged
+    #: `wrong` divided by `judged`
     fraction: float | None
-    #: angle between shown and true place of a point
+    #: angle between the shown and the true place of a point
     displacement_arcmin: Quantiles | None
-    #: distance in z of points of one object on a ray, scene units
+    #: difference in z of the shown and the expected point where both are on one object, scene units
     depth_error: Quantiles | None
     #: mean FLIP, 0 to 1, at the eye's resolution in pixels per degree; None for images without
     #: colors
@@ -257,7 +257,7 @@ class LossMaps(ShortRepr):
     flip: Floats | None
 
     def numbers(self) -> Loss:
-        """Return the maps in numbers."""
+        """Return the figures of the maps."""
         judged = int(self.judged.sum())
         wrong = None if self.wrong is None else int(self.wrong.sum())
         moved, depth = self.displacement_arcmin[self.judged], self.depth_error[self.judged]
@@ -279,7 +279,7 @@ class Views(ShortRepr):
     replayed: EyeImage
     #: None without a renderer
     drawn: EyeImage | None
-    #: pixels of hogels in B and C
+    #: the pixels of hogels that B and C show
     taken: Replay
 
     @property

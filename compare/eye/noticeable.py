@@ -50,7 +50,7 @@ def _in_first_slab(distance: Floats, settings: DoubleFrustum) -> Mask:
 def replayed_shifts(
     distance: Floats, frustum: Frustum, settings: DoubleFrustum
 ) -> tuple[Floats, Floats]:
-    """Return m, the displacement of points from the plate, and c, the lateral one per shear."""
+    """Return m, the displacement away from the plate, and c, the lateral shift per shear."""
     moved = replayed_distance(distance, frustum, settings) - distance
     if settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE:
         # The shear about the camera's own center draws points of the first slab a further k n
@@ -70,7 +70,7 @@ def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
 #: (docs/noticeable.md, "The viewer")
 ACUITY_ARCMIN, STEREO_ACUITY_ARCSEC, EYES_APART_MM = 1.0, 20.0, 65.0
 
-#: Length of each known unit
+#: Length of each known unit, mm
 MILLIMETERS = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 
 GREEN_MM = 550e-6  #: a wavelength to which eyes are most sensitive
@@ -82,7 +82,7 @@ DEPTH_SAMPLES = 33
 
 
 def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
-    """Return a length in scene units, given as number and unit, None for the scene's own."""
+    """Convert a length, given as number and unit (None: the scene's unit), to scene units."""
     return length_in(length, scene.units, scene.name)
 
 
@@ -129,9 +129,9 @@ class Display:
     """Properties of a plate that limit its sharpness, on the coarser axis."""
 
     frustum: Frustum
-    #: of the plate, scene units
+    #: size of the plate, scene units
     size: tuple[float, float]
-    #: of the hogels, scene units
+    #: pitch of the hogels, scene units
     pitch: float
     #: slope between the directions of neighboring pixels of a hogel
     pixel: float
@@ -169,7 +169,7 @@ class DisplayLimits:
     """
 
     viewer: Viewer
-    #: angle between a hogel's neighboring pixels; |z|/R of it for content at the depth z
+    #: angle between a hogel's neighboring pixels; a viewer sees |z|/R of it at the height z
     pixel_arcmin: float
     #: angle under which a hogel is seen
     pitch_arcmin: float
@@ -204,9 +204,9 @@ def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
     """Return the lateral gap of a surface's halves at the plate, per displacement in depth.
 
     If the halves are displaced by 1 in depth and laterally by c k, the gap seen along a ray of
-    slope m through an aperture of shear k is 2 |c k - m|. The vector is linear over the plate, and
-    so longest at one of its corners. The c is `aside`: 1 with pivot `aperture`, 0 with pivot
-    `camera`.
+    slope m through an aperture of shear k is 2 |c k - m|. The vector c k - m is linear over the
+    plate, and therefore longest at a corner of the plate. `aside` is c: 1 with pivot `aperture`, 0
+    with pivot `camera`.
     """
     corners = np.array([(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * display.size
     screen = display.frustum.screen
@@ -218,7 +218,7 @@ def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Content:
-    """Depths of a plate's content: nearest and farthest |z| on each side, None if it is empty."""
+    """Depths of a plate's content: nearest and farthest |z| on each side, None on an empty side."""
 
     before: tuple[float, float] | None
     behind: tuple[float, float] | None
@@ -284,7 +284,7 @@ def eyes_apart(viewer: Viewer, display: Display) -> float:
 def disparity_changes(
     height: Floats, viewer: Viewer, display: Display, settings: DoubleFrustum
 ) -> Floats:
-    """Return the changes of disparity of points at some heights, arc seconds; negative: farther.
+    """Return the changes of disparity of points at some heights, arc seconds, < 0 if farther.
 
     The heights z are below the viewer's, scene units; 0.0 is in front of the plate, and -0.0 behind
     it. A point P = (x, s) at the depth s = -z behind the plate is replayed at P + sigma (c k, m),
@@ -292,7 +292,7 @@ def disparity_changes(
     screen ss behind the plate. The eye e at the height L sees the replayed point through the
     aperture a on the line from e to this point. With K = sigma c/ss and S = L + s + sigma m, the
     slope of this line falls with e as -(1 + K)/(S + L K), and the true slope as -1/(L + s). Both
-    are linear in e: the disparity of two eyes is exact.
+    slopes are linear in e, so that the disparity of two eyes is exact.
     """
     s = -np.asarray(height, dtype=np.float64)
     # The sign of zero is the side of the plate.
@@ -353,7 +353,7 @@ def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, fl
 def resolved_crack(
     viewer: Viewer, display: Display, settings: DoubleFrustum
 ) -> tuple[str, float, float]:
-    """Return what hides a crack, the largest hidden width, and the crack's width, arc minutes.
+    """Return the limit that hides cracks, its size, and the crack's width, both arc minutes.
 
     Pixels and diffraction blur the edges of the crack at the height to which they are displaced.
     """
@@ -364,10 +364,10 @@ def resolved_crack(
 
 
 def resolved_separation(height: float, viewer: Viewer, display: Display) -> tuple[str, float]:
-    """Return the name of the limit on depth resolution at a height, and the smallest difference.
+    """Return the name of the limit on depth resolution at a height, and the smallest separation.
 
     Two eyes resolve surfaces whose disparities differ by more than stereo acuity, and by more than
-    the display's blur at that height. The difference is in scene units.
+    the display's blur at that height. The separation is in scene units.
     """
     angles = {
         "stereo acuity": viewer.stereo_acuity_arcsec / 60,

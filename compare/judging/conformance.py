@@ -1,9 +1,9 @@
 """Hogels judged by a case of the conformance suite: every wrong pixel needs an accepted reason.
 
 The truth has the case's cameras without any rounding. A pixel with another triangle is accepted if
-the truth is a tie of both, or if rounding explains it: the classifier of causes uses the bounds of
-edges and depths of the case's cameras. Colors and objects do not identify triangles: pixels that
-rounding can move across an edge to a neighbor's surface are not judged.
+the truth is a tie of both triangles, or if rounding explains the pixel: the classifier of causes
+uses the error bounds of edges and depths of the case's cameras. Colors and objects do not identify
+triangles: pixels are not judged if rounding can move them across an edge to a neighbor's surface.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 RADIANCE_TOLERANCE = 1e-4
-"""Largest difference of a truth's mean radiance from the frozen one.
+"""Largest difference of a truth's mean radiance from the frozen mean radiance.
 
 The float32 rounding of sums and of the functions in Phong's model differs among processors by a
 thousandth of this.
@@ -59,7 +59,7 @@ class Pixels:
     shown: int = 0
     #: shown, and different from the truth
     wrong: int = 0
-    #: wrong, and a surface of the truth's tie
+    #: wrong, but a surface of the truth's tie
     tie: int = 0
     #: wrong by rounding at an edge, or too close to an edge to be judged
     edge: int = 0
@@ -83,7 +83,7 @@ def renderer_model(case: Case) -> RendererModel:
 
 
 def trace(case: Case, reference: Reference, aperture: Aperture) -> HogelImage:
-    """Return the certified truth of a hogel, with surfaces of ties, and with color if judged."""
+    """Return a hogel's certified truth, with the triangles of ties, and with color if judged."""
     model = renderer_model(case)
     layer = drawn(reference, model, aperture)
     truth = as_image(reference, aperture, layer)
@@ -184,7 +184,7 @@ def judged(
 
 
 def _marked(like: Mask, row: Indices, column: Indices) -> Mask:
-    """Return a mask of some pixels, of the shape of another."""
+    """Return a mask of some pixels, with the shape of another mask."""
     marks = np.zeros_like(like)
     marks[row, column] = True
     return marks

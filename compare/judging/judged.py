@@ -1,10 +1,10 @@
 """One hogel of a foreign renderer, compared with a model: the truth, or the author's statements.
 
-The arithmetic is the same as in `xfrustum.compare.metrics`, whose `compare_images` compares a truth
-and a drawn image with surfaces and their points. A foreign image may be turned, may contain
-triangle numbers that do not exist, or may have only colors. Its model may be two offset cameras,
-whose near planes are at the plate, with the front camera's image over the other. In this module
-colors are right or wrong within a tolerance; in `metrics` their error is measured.
+In `xfrustum.compare.metrics`, `compare_images` compares a truth with a drawn image that has
+surfaces and their points; the arithmetic is the same here. A foreign image may be turned, may
+contain triangle numbers that do not exist, or may have only colors. Its model may have two offset
+cameras with near planes at the plate; the front camera's image then covers the other image. In this
+module colors are right or wrong within a tolerance; in `metrics` their error is measured.
 """
 
 from __future__ import annotations
@@ -61,20 +61,20 @@ from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
 # A foreign device is unknown unless its owner has measured it. A renderer with a near offset is
-# assumed to have a usual depth buffer. With cameras in the aperture itself, the ratio of near to
-# far is unbounded, for which a fixed-point buffer is too coarse.
+# assumed to have a usual depth buffer. With cameras in the aperture itself, the ratio of far to
+# near is unbounded, so that a fixed-point buffer would be too coarse.
 ANY_DEVICE = safe_model()
 OFFSET_DEPTH = DepthFormat.D24, DepthMapping.STANDARD
 CENTERED_DEPTH = DepthFormat.D32F, DepthMapping.REVERSED
 
 NEAR_PLANE_PER_REACH = 1e-6
-"""Near plane, as a part of the reach, to which depths of a camera in the aperture are stored."""
+"""Distance of the assumed near plane of a camera in the aperture, as a part of the reach."""
 
 MAX_MISSING_OUTLINES = 0.1
 """Largest share of the truth's outlines that may be missing in a right picture with other shading.
 
-Two grays drawn from half of the range differ by less than `MIN_EDGE_CONTRAST` in 2 x 4/128, or 6 %,
-of all pairs.
+An outline is invisible by chance if its two sides have nearly equal grays: of pairs of random grays
+in half of the range, 2 x 4/128, or 6 %, differ by less than `MIN_EDGE_CONTRAST`.
 """
 
 MIN_SHADING_RATIO = 2.0
@@ -88,29 +88,30 @@ COMPOSITIONS: tuple[dict[str, Any], ...] = (
 )
 """Wrong compositions, from which a right picture must differ."""
 
-COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` of pictures that name no surfaces
+COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` for pictures without surfaces
 
 
 class MeasuredBy(StrEnum):
     """Means by which a displacement was measured."""
 
     POINTS = "surface points"
-    """Surface point of each pixel, else the point of its triangle drawn nearest to it."""
+    """Surface point of each pixel, else the pixel's triangle, at the point drawn nearest to it."""
     OUTLINES = "registration of outlines"
     NO_OUTLINES = "no outlines"
     """Too few outlines to register: only colors are judged, by wrong pixels."""
-    NOTHING = "nothing"  # The displacement cannot be known
+    NOTHING = "nothing"  # The displacement cannot be measured
 
 
 def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> int:
-    """Return the largest number of wrong pixels of a composition that outlines do not reveal."""
+    """Return the most pixels that a wrong composition makes wrong without showing in outlines."""
     scene, answer, worst = reference.scene, seen.answer, 0
     outlines = seen_outlines(scene, answer, true_outlines(scene, answer))
     aperture, known = answer.camera.aperture, pictures.Layers()
     edges = maximum_filter(
         strongest_steps(contrast(seen.upright)), size=2 * OUTLINE_TOLERANCE_PX + 1
     )
-    # Other edges are as frequent at missing outlines as anywhere else.
+    # A missing outline is noticed only if no other edge is near. Other edges are as frequent at
+    # missing outlines as anywhere else.
     alone = float((edges < MIN_EDGE_CONTRAST).mean())
     count = int((strongest_steps(outlines) > 0).sum())
     for fields in COMPOSITIONS if question.plain else ():
@@ -129,14 +130,14 @@ def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> i
 
 
 def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, MeasuredBy]:
-    """Return how far the outlines of an image have moved, and what that was measured by.
+    """Return the displacement of an image's outlines, and the means by which it was measured.
 
-    Labels of which no judged pixel differs have the answer's outlines: they have moved by
-    0. So have colors with the answer's contrast to the last bit. Registration would measure less:
-    few or straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance
-    are registered, because a dim outline may have moved within it. An answer without an outline,
-    such as soft shading, has nothing that could be seen to move, and what moves into the film from
-    outside is wrong pixels.
+    If no judged pixel has another label, the outlines are the answer's outlines, and their
+    displacement is 0. It is also 0 if colors have exactly the answer's contrast. Registration would
+    be less certain: few or straight outlines do not determine a fraction of a pixel. Colors that
+    are equal only within a tolerance are registered, because a dim outline may have moved. In an
+    answer without outlines, such as soft shading, no displacement is visible; surfaces that move
+    into the film from outside count as wrong pixels.
     """
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
@@ -151,12 +152,12 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
         expected, shown = steps_of(answer.object), steps_of(image.object)
     else:
         expected, shown = steps_of(answer.covered), steps_of(covered_by(image))
-    # Contrast of colors is compared with the smallest edge, labels and true outlines with none at
-    # all.
+    # Colors have an outline where their contrast is an edge; labels and true outlines have one at
+    # every step.
     edge = MIN_EDGE_CONTRAST if by == "color" else 0.0
     count = sum(int((some > edge).sum()) for some in expected)
-    # The shading differs from the truth's, so that without enough outlines the image cannot be
-    # judged.
+    # An image that is judged by outlines may have another shading than the truth, and cannot be
+    # judged without enough outlines.
     if count < (MIN_STEPS if by == "outlines" else 1):
         return None, MeasuredBy.NO_OUTLINES
     same = all(np.array_equal(entry, other) for entry, other in zip(expected, shown, strict=True))
@@ -170,8 +171,8 @@ def foreign_cameras(
     scene: Scene, model: RendererModel, aperture: Aperture, device: DeviceModel = ANY_DEVICE
 ) -> tuple[RoundingCamera, ...]:
     """Return C and C* of a renderer, which may clip at their films' borders."""
-    # Both cameras have the same depth buffer. If one of them is in the aperture, it must suit any
-    # ratio.
+    # Both cameras have the same depth buffer. If one camera is in the aperture, the buffer must
+    # suit any ratio of far to near.
     depth, mapping = (
         OFFSET_DEPTH if all(model.camera(side).near for side in (1, -1)) else CENTERED_DEPTH
     )
@@ -193,7 +194,7 @@ class Compared(StrEnum):
 
     COLOR = "color"  # Colors, within a tolerance
     GEOMETRY = "geometry"
-    """Shown pixels, and edges along outlines: shading is the renderer's own."""
+    """Covered pixels, and edges along outlines, because shading is left to the renderer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,16 +203,16 @@ class Judging:
 
     compared: Compared = Compared.COLOR
     color_tolerance: float = pictures.COLOR_TOLERANCE
-    device: DeviceModel = ANY_DEVICE  #: by whose roundings wrong pixels are explained
-    #: the plate, if it was drawn by directions, whose cameras then explain wrong pixels
+    device: DeviceModel = ANY_DEVICE  #: device whose roundings explain wrong pixels
+    #: the plate if it was drawn by directions: the cameras of directions then explain wrong pixels
     directions: DirectionPlate | None = None
-    # The curve through which pictures are read, if not the stated one. A stored level is a larger
-    # difference than the tolerance where the curve is steep: half of it is lost by each
-    # rounding.
+    # Transfer curve by which pictures are decoded, if not the stated curve. Where the curve is
+    # steep, one stored level exceeds the tolerance, and each rounding changes a color by up to half
+    # a level.
     transfer: Transfer | None = None
 
     def tolerance(self, question: RendererModel, image: HogelImage) -> Singles | float:
-        """Return the largest difference of colors, upright, due to rounding to levels."""
+        """Return the largest color difference due to rounding to levels, for upright pixels."""
         if self.transfer is None:
             return self.color_tolerance
         stored = question.upright(stored_rgb(image) / np.float32(255))
@@ -225,14 +226,14 @@ WRONG_FIGURES = {
     "color": "wrong colors",
     "outlines": "wrong outlines",
 }
-"""Figure that `HogelNumbers.wrong` counts, by `HogelNumbers.by`."""
+"""Name of the figure that `HogelNumbers.wrong` counts, for each value of `HogelNumbers.by`."""
 
 SURFACES = "wrong surfaces"
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceFigures:
-    """Pixels that show the wrong surface, their share, and surfaces from outside the film."""
+    """Pixels that show the wrong surface, their share, and pixels with a point outside the film."""
 
     wrong: int
     fraction: float
@@ -243,9 +244,9 @@ class SurfaceFigures:
 class OutlineFigures:
     """Pixels at outlines of the truth, and the pixels among them without an edge in the picture.
 
-    They are `missing` where any shading would show the outline (`seen_outlines`), and else
-    `unknown`. `untold` is the largest number of pixels that a missing half or a reversed depth test
-    would make wrong with hardly an outline out of its place.
+    A pixel without an edge is `missing` if any reasonable shading shows the outline
+    (`seen_outlines`), else `unknown`. `untold` is the largest number of pixels that a missing half
+    or a reversed depth test would make wrong while nearly all outlines stay in their places.
     """
 
     shown: int
@@ -263,7 +264,7 @@ class ColorFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class HogelNumbers:
-    """Numbers of the difference of one image from a model's answer, as written."""
+    """Figures of the difference of one image from a model's answer, as written to JSON."""
 
     shown: int  # judged pixels where the image or the expected image shows a surface
     by: str  # what `wrong` counts: triangle, object, color, outlines, or coverage
@@ -271,32 +272,32 @@ class HogelNumbers:
     fraction: float
     surface: SurfaceFigures | None  # None if the image names no surfaces
     invalid: int  # shown pixels that name a triangle or an object which the scene does not have
-    displacement_px: Spread | None  # None if it cannot be known
+    displacement_px: Spread | None  # None if it cannot be measured
     displacement_by: MeasuredBy
     radiance: (
         ColorFigures | None
-    )  # None if the image lacks surfaces or colors, or these are not compared
+    )  # None if the image lacks surfaces or colors, or colors are not compared
     causes: dict[str, int] | None  # wrong pixels by cause; None if not classified
     outlines: OutlineFigures | None = None  # None if outlines are not compared
 
     @property
     def blind(self) -> bool:
-        """True if no pixel of such an image could be wrong."""
+        """True if no pixel of the image could count as wrong."""
         return self.by != "color" and self.displacement_by is MeasuredBy.NO_OUTLINES
 
     @property
     def limited(self) -> int:
-        """Number of wrong pixels that is limited: surfaces, where the image names them."""
+        """Number of wrong pixels that has a limit: wrong surfaces, or `wrong` without surfaces."""
         return self.wrong if self.surface is None else self.surface.wrong
 
     @property
     def limited_figure(self) -> str:
-        """Figure that `limited` counts."""
+        """Name of the figure that `limited` counts."""
         return WRONG_FIGURES[self.by] if self.surface is None else SURFACES
 
     @property
     def all_wrong(self) -> int:
-        """Number of pixels that limits count as wrong, wrong colors of right surfaces included."""
+        """Number of wrong pixels with a limit, including wrong colors of right surfaces."""
         return self.limited + (0 if self.radiance is None else self.radiance.wrong)
 
     @property
@@ -338,9 +339,9 @@ def judge(
 ) -> Figures:
     """Compare an image with a model's answer; `RendererModel()` is the true crossed frustum.
 
-    Image and surface points (H, W, 3) of `shown_points` are as decoded; the image's camera stands
-    in the aperture of its file's name. Causes are found if `explained`, which needs
-    triangle numbers.
+    The image and its surface points (H, W, 3), from `shown_points`, are as decoded, not upright.
+    The image's camera is in the aperture of the file's name. Causes are classified if `explained`
+    and if the image has triangle numbers.
     """
     reference = pictures.drawn_scene(reference, question)
     judging, scene = judging or Judging(), reference.scene
@@ -394,7 +395,7 @@ def judge(
 
 
 def _shifts(scene: Scene, question: RendererModel, seen: _Compared) -> Floats:
-    """Return how far (H, W, 2) the points of an image are drawn from their places, px."""
+    """Return the displacements (H, W, 2), px, of an image's points from their places."""
     position = seen.upright.position.astype(np.float64)
     places = question.project(scene, seen.answer.camera.aperture, position)
     return beyond_storage(places - pixel_centers(seen.answer.camera), seen.upright)
@@ -408,10 +409,10 @@ def wrong_pixels(
     *,
     explained: bool = False,
 ) -> tuple[Mask, Mask]:
-    """Return the pixels (H, W), upright, that `judge` counts as wrong, and those not by rounding.
+    """Return upright masks (H, W) of pixels that `judge` counts as wrong: all, and unexplained.
 
-    Unless `explained`, causes are not classified, and both are the same. Points without numbers
-    are wrong where they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
+    Unless `explained`, causes are not classified, and both masks are the same. Points without
+    triangle numbers are wrong if they show a wrong surface, or are displaced beyond `TOLERANCE_PX`.
     """
     reference = pictures.drawn_scene(reference, question)
     judging = judging or Judging()
@@ -453,7 +454,8 @@ class _Compared:
         scene, upright = reference.scene, question.upright
         aperture = question.answers(scene, image.camera.aperture)
         answer = pictures.trace_drawn(reference, question, aperture)
-        # A negative number is as invalid as one that is too large, and safer as an index.
+        # Replace negative numbers by a number that is too large: it is as invalid, and as an index
+        # it does not count from the end.
         triangle = upright(np.where(image.triangle < NOTHING, len(scene.faces), image.triangle))
         objects = scene.object_of_number[existing_triangles(triangle, scene)]
         turned = HogelImage(
@@ -516,7 +518,8 @@ class _Compared:
         if self.by != "triangle" or question.film != EVEN:
             return None
         scene, device, pixels = reference.scene, judging.device, np.flatnonzero(self.differs)
-        # Models with defects are candidates of a diagnosis, each with two cameras.
+        # Only the true model can have cameras by direction. Models with defects are candidates of a
+        # diagnosis, and have two cameras.
         if judging.directions is not None and question == RendererModel():
             images = self.answer, self.upright
             return judging.directions.explain(reference, device, images, pixels)
@@ -534,11 +537,11 @@ def wrong_surfaces(
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.error_maps`.
 
-    A point belongs outside the film when its own camera draws it beyond the border. It is hidden
-    when its own camera's line meets something else first, or when it lies behind the plate and the
-    answer has the viewer's half where the point is drawn. A triangle that neither camera draws
-    anywhere shows no point, and is wrong. Points that the image has `placed` itself must lie on a
-    surface, too.
+    A point belongs outside the film if its own camera draws it beyond the border. It is hidden if
+    its own camera's line meets another surface first, or if it lies behind the plate and the answer
+    shows a surface before the plate where the point is drawn. A triangle that neither camera draws
+    anywhere shows no point, and is wrong. If the image itself states points (`placed`), they must
+    also lie on a surface.
     """
     scene, plate, aperture = reference.scene, question.plate_height, answer.camera.aperture
     wrong = other_surfaces(answer, image, scene)
@@ -546,7 +549,7 @@ def wrong_surfaces(
     known = pointed & covered_by(image)
     wrong |= (image.triangle != NOTHING) & ~pointed & (image.triangle != answer.triangle)
     if question.film != EVEN:
-        # No camera has the lines of such a film: triangles are compared.
+        # No camera has the lines of an uneven film: only triangle numbers are compared.
         wrong |= image.triangle != answer.triangle
         return SurfaceErrors(wrong=wrong, outside=np.zeros_like(wrong))
     sides = [(0, known & (image.height != plate))]
@@ -565,7 +568,7 @@ def wrong_surfaces(
             behind = reference.hidden_from(bundle, points)
             if side != 1:
                 return behind
-            # The viewer's half, where the answer shows it, covers what C draws there.
+            # A surface before the plate, where the answer shows it, covers all that C draws there.
             place = question.project(scene, aperture, points.position)
             width, height = answer.camera.resolution
             on_film: Mask = np.all((place > -0.5) & (place < (width - 0.5, height - 0.5)), axis=1)

@@ -20,13 +20,12 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-# Largest displacement that is searched, along each axis: larger displacements have no peak among 17
-# by 17.
+# Largest displacement that is searched, along each axis: 17 by 17 displacements are tried.
 MAX_DISPLACEMENT_PX = 8
 
 # Smallest number of steps for a measurement of displacement. A peak is false if half of the steps
 # are on edges by chance, at a wrong displacement. If one step in five of a picture is an edge, the
-# binomial distribution expects a false peak at 0.75 of the 289 displacements with 20 steps, and at
+# binomial distribution predicts 0.75 false peaks among the 289 displacements with 20 steps, and
 # 0.006 with 40.
 MIN_STEPS = 40
 
@@ -44,18 +43,18 @@ MIN_PEAK_RATIO = 1.3
 
 # Smallest ratio to the peak at which another displacement counts as equal, as along a straight
 # outline; the smallest of equal displacements is used. Rounding to 8 bits moves the contrast of one
-# step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of the largest that
-# counts; the mean of `MIN_STEPS` has 0.25 %. The largest and the smallest of 17 displacements along
-# an outline then differ by 3.6 standard deviations, 0.9 %, on the average; twice that is allowed.
+# step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of the cap; the mean of
+# `MIN_STEPS` steps has 0.25 %. The largest and the smallest contrast of 17 displacements along an
+# outline then differ by 3.6 standard deviations, 0.9 %, on the average. Twice that is allowed.
 EQUAL_PEAK_RATIO = 0.98
 
 # Distance from a true outline within which a picture must have an edge; otherwise the outline is
 # missing. The outline is between two pixels, and rounding may move it across a center.
 OUTLINE_TOLERANCE_PX = 1
 
-# Smallest difference between two neighboring pixels that is an edge, of the square root of the
-# radiance, nearly the encoding of displays: 8 bits and dithering move one brightness by at most 2
-# steps on either side. And the cap of contrast, above which all edges count equally.
+# Smallest difference between two neighboring pixels that counts as an edge, in the square root of
+# radiance, which is nearly the encoding of displays: 8 bits and dithering move one brightness by at
+# most 2 steps on either side. Cap of contrast, above which all edges count equally.
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
 Steps = tuple[Floats, Floats]
@@ -109,8 +108,8 @@ def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
 def seen_outlines(scene: Scene, answer: HogelImage, outlines: Steps) -> Steps:
     """Return the outlines of an image that are visible with any reasonable shading.
 
-    They are seen in its own colors and, inside one object, under a light at the camera. Parallel
-    faces, and those that lean to opposite sides, may have one brightness.
+    Such an outline is visible in the image's own colors and, inside one object, under a light at
+    the camera. Parallel faces, and faces that lean to opposite sides, may be equally bright.
     """
     lines = true_lines(answer.camera).directions()
     lines /= np.linalg.norm(lines, axis=2, keepdims=True)
@@ -133,8 +132,8 @@ def unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen:
     """Return the variation of brightness in some pixels that distant lights do not explain.
 
     Diffuse light is nearly a polynomial of the second degree of the normal (Ramamoorthi and
-    Hanrahan, 2001); light at the camera, one of its cosine. Each object has
-    its own.
+    Hanrahan, 2001); light at the camera is nearly such a polynomial of the cosine. Each object has
+    its own coefficients.
     """
     assert picture.color is not None
     bright = np.sqrt(np.clip(np.nan_to_num(picture.color.mean(axis=2)[chosen]), 0.0, 1.0))
@@ -153,10 +152,10 @@ def unlike_shading(scene: Scene, shown: HogelImage, picture: HogelImage, chosen:
 
 
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
-    """Measure by how much outlines have moved, px, over a picture as a whole and each of its tiles.
+    """Measure the displacement of outlines, px, over a whole picture and over each of its tiles.
 
-    `shown` is the contrast of the picture that is judged, capped, so that a strong edge counts no
-    more than another. None is returned where no displacement has clearly the most contrast.
+    `shown` is the judged picture's contrast, capped so that a strong edge counts no more than other
+    edges. The result is None if no displacement clearly has the most contrast.
     """
     # Row and column (N, 2), axis and weight of the strongest steps.
     rows = [np.argwhere(some > 0) for some in expected]

@@ -1,6 +1,6 @@
 """The verdict engine: figures of hogel images, and the limits that they keep or exceed.
 
-`Hogel.from_figures` is the verdict on one image by its model, and `Verdict` that on a plate.
+`Hogel.from_figures` makes the verdict on one image, and `Verdict` is the verdict on a plate.
 Sentences about verdicts are made in `xfrustum.reports.verification.words`.
 """
 
@@ -32,10 +32,10 @@ from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
 INVALID, MISSING = "claims of what does not exist", "missing outlines"
-"""Codes of limited figures, beside `HogelNumbers.limited_figure`."""
+"""Codes of figures with a limit, in addition to `HogelNumbers.limited_figure`."""
 
 MAX_INVALID_SHARE = 0.5
-"""Largest share of an image's claims that name what does not exist, whatever the limits."""
+"""Largest share of claims that name triangles or objects that do not exist, for all limits."""
 
 
 class Outcome(StrEnum):
@@ -44,22 +44,22 @@ class Outcome(StrEnum):
     PASS = "pass"
     FAIL = "fail"  # a limit is exceeded
     MISSING = "missing"  # the image is missing; a plate with such a hogel fails
-    NOT_JUDGED = "not judged"  # nothing that the image shows could exceed a limit
+    NOT_JUDGED = "not judged"  # no content of the image could exceed a limit
 
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One figure of a hogel and its limit, the fields of the JSON object.
+    """One figure of a hogel and its limit, with the fields of the JSON object.
 
-    A figure that cannot be measured exceeds its limit, but the displacement of a truth without
-    outlines need not be measured where colors are judged.
+    A figure that cannot be measured exceeds its limit. Displacement is an exception: where colors
+    are judged, it need not be measured for a truth without outlines.
     """
 
     figure: str
     value: float | None  #: None if it cannot be measured, or need not be
-    limit: float | None  #: None if nothing is limited
+    limit: float | None  #: None without a limit
     unit: str  #: `share` of pixels, or `px` of displacement
-    held: bool | None  #: None if nothing that the image shows could exceed the limit
+    held: bool | None  #: None if no content of the image could exceed the limit
 
     @property
     def badness(self) -> tuple[bool, bool, float]:
@@ -72,8 +72,8 @@ class Check:
 class Limits:
     """Limits within which a hogel is right, and how its image is judged."""
 
-    wrong: float = MAX_WRONG  #: largest share of wrong surfaces, colors or outlines of shown pixels
-    displacement_px: float | None = TOLERANCE_PX  #: of 99 of 100 points or outlines; None: no limit
+    wrong: float = MAX_WRONG  #: largest share of shown pixels with wrong surface, color or outline
+    displacement_px: float | None = TOLERANCE_PX  #: of 99 % of points or outlines; None: no limit
     judging: Judging = field(default_factory=Judging)
 
     def __post_init__(self) -> None:
@@ -89,12 +89,12 @@ class Limits:
             )
 
     def checks(self, figures: Figures, excused: int = 0) -> tuple[Check, ...]:
-        """Compare figures with the limits (`compare.beyond`), some wrong pixels `excused`.
+        """Compare figures with the limits (`compare.beyond`); `excused` wrong pixels do not count.
 
-        Shares are of the shown pixels, so that an empty film excuses nothing. A single wrong pixel
-        does not count as a share, unless none may be wrong. Images that show nothing need no
-        displacement, nor do colors where the truth has no outline that a picture could show
-        elsewhere. Any other image of such a truth is not judged.
+        Shares are of the shown pixels, so that empty film does not dilute them. A single wrong
+        pixel does not count as a share, unless the limit is 0. Displacement is not required of an
+        image that shows nothing. If the truth has no outline that could appear displaced, it is not
+        required of colors either, and other images are not judged.
         """
         numbers, checks = figures.numbers, list[Check]()
 
@@ -127,10 +127,10 @@ class Limits:
         return (*checks, moved)
 
     def mends(self, as_found: Figures, corrected: Figures, model: RendererModel) -> bool:
-        """Return whether an image is right once it is corrected, wrong pixels by rounding excused.
+        """Return whether an image is right after correction, wrong pixels by rounding excused.
 
-        An image that fails must pass. One that could not be judged as found refutes nothing unless
-        it fails.
+        An image that failed before correction must pass. An image that could not be judged before
+        does not refute the correction unless it fails.
         """
         # The true places of surface points on an uneven film are unknown.
         limits = self if model.film == EVEN else replace(self, displacement_px=None)
@@ -149,9 +149,9 @@ class Hogel:
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
     places: Places | None = None  #: places of its wrong pixels before correction
-    left: int = 0  #: wrong pixels that stay when it is corrected, without those by rounding
-    mended: bool = True  #: whether it is right when it is corrected
-    storage: str | None = None  #: file format that changed its pixels, such as "JPEG, lossy"
+    left: int = 0  #: wrong pixels that remain after correction, except by rounding
+    mended: bool = True  #: whether the image is right after correction
+    storage: str | None = None  #: file format that changed the pixels, such as "JPEG, lossy"
 
     @classmethod
     def from_figures(
@@ -255,7 +255,7 @@ class Verdict:
 
     @property
     def verdict(self) -> Outcome:
-        """The verdict on all hogels: not judged if none is wrong and some could not be judged."""
+        """The verdict on all hogels: not judged if none fails and some could not be judged."""
         if self.passed:
             return Outcome.PASS
         outcomes = {hogel.verdict for hogel in self.hogels}

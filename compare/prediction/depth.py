@@ -74,7 +74,7 @@ def smallest_separation(
     For b bits, the step by itself corresponds to a separation (docs/method.md) of w^2 (f - n) / (f
     n 2^b) with the hyperbolic mappings, w ln(f / n) / 2^b with the logarithmic one, and
     (f - n) / 2^b with the linear one. The step of D32F is the spacing of float32 at the stored
-    value: near one it equals the 24-bit step; reversed, it is 2^-24 to 2^-23 of w.
+    value: near one it equals the 24-bit step; for reversed depth it is 2^-24 to 2^-23 of w.
     """
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
@@ -148,7 +148,7 @@ def pair_variance(
       depth has a constant term, the reciprocal of w, and the product with it.
     * Only some devices round the two steps of the plane equation.
     * The float32 rounding of the stored value equals the step of D32F, and the step of D24 for
-      values of at least 1/2. For smaller values, and for D16, it is finer than the step.
+      values of at least 1/2. For smaller values, and for D16, the rounding is finer than the step.
     """
     stored, slope = stored_depth(w, n, f, mapping)
     own, relative = float32_spacing(stored) ** 2, (float32_spacing(w) / w) ** 2
@@ -183,7 +183,7 @@ ANY = safe_model()
 MAX_ORDER_FACTOR = 2.0
 
 #: Bins of w in each octave. Within a bin, rounding errors change by less than half a percent
-#: (1 / 256); they jump between octaves, which is between two bins.
+#: (1 / 256). They jump only at borders of octaves, which are borders of bins.
 BINS_PER_OCTAVE = 256
 
 #: Number of low mantissa bits of a float32 that vary within one bin.
@@ -205,7 +205,7 @@ class Surfaces:
 
     distance: Floats  #: (N,) |z|
     gap: Floats  #: (N,) distance to the next surface on the same line, see `Reference.gaps`
-    #: (N,) distance to the next surface among those drawn earlier; None if the order is unknown
+    #: (N,) distance to the next surface drawn earlier; None if the order is unknown
     earlier: Floats | None = None
 
     def at(self, places: Indices | Mask) -> Surfaces:
@@ -285,10 +285,10 @@ def depth_wrong_shares(
 ) -> list[float]:
     """Return the expected shares, 0 to 1, of judged pixels that only the depth buffer makes wrong.
 
-    The settings differ only in their depth buffers. The counted pixels are wrong with such a buffer
-    and right with linear D32F depth. Surfaces stored at equal depths are wrong if the other surface
-    is drawn first (`Surfaces.earlier`). If the order is unknown, half of them count as wrong, and
-    all of them with `unlucky`.
+    The settings differ only in their depth buffers. The counted pixels are wrong with the buffer of
+    a setting and right with linear D32F depth. Surfaces stored at equal depths are wrong if the
+    other surface is drawn first (`Surfaces.earlier`). If the order is unknown, half of them count
+    as wrong, and all of them with `unlucky`.
 
     Let the two surfaces' depths differ by D in stored units, before rounding, and let this
     difference have a normal error of standard deviation e. A format with step q and a uniformly
@@ -298,15 +298,15 @@ def depth_wrong_shares(
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
-    If the order is known, the interval from -q to q of F is replaced by 0 to q for another surface
-    that is drawn first, and by -q to 0 for one that is drawn later; the result is doubled. With one
-    other surface of each kind, the larger probability counts. If e is small compared with q, the
-    phase is known as well and is used (`_misordered_steps`).
+    If the order is known, the interval from -q to q of F is replaced by 0 to q if the other surface
+    is drawn first, and by -q to 0 if it is drawn later; the result is doubled. If other surfaces of
+    both kinds exist, the larger probability counts. If e is small compared with q, the phase is
+    computed from the depth and used as well (`_misordered_steps`).
 
     A surface is lost if its depth lies within half a step of the clear value; the error of this
     single depth has variance e^2 / 2. A surface at a cut is in two slabs, and is lost if both slabs
-    lose it. The expected number of pixels that linear depth gets wrong is subtracted, on the
-    assumption that they are the same pixels.
+    lose it. The expected number of pixels that are wrong with linear depth is subtracted, on the
+    assumption that the other buffers make the same pixels wrong.
     """
     # Linear D32F depth represents a depth buffer without errors.
     control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
@@ -458,8 +458,9 @@ def _misordered_steps(
 ) -> Floats:
     """Return the probability of `_misordered` for depths whose steps and distance are known.
 
-    The visible surface is stored at its nearest step or an adjacent one. The other surface hides it
-    if the depth test prefers its step, or at the same step if it is drawn earlier.
+    The visible surface is stored at its nearest step or an adjacent step. The other surface hides
+    it if the depth test prefers the other surface's step, or if both have the same step and the
+    other surface is drawn earlier.
     """
     place, apart = places
     step = np.round(place)
@@ -473,7 +474,7 @@ def _misordered_steps(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Table:
-    """Depth resolution of a slab, stored units, for each bin of w: a float32's leading bits."""
+    """Depth resolution of a slab, stored units, for bins of w with equal leading float32 bits."""
 
     first: int
     step: Floats  #: distance of neighboring stored values

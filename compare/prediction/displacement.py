@@ -1,4 +1,4 @@
-"""Closed form of displacement: where each point is drawn, from the truth alone (docs/method.md)."""
+"""Closed form of the displacement of drawn points, from the true image only (docs/method.md)."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ class TruePoints:
 def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
     """Return the true minus the drawn position of some points, (..., 2) columns and rows in pixels.
 
-    NaN where there is no surface off the plate, and where no camera draws it: on the other side of
-    the plate if only one camera draws, and closer than n without an offset. The positions at which
-    the two cameras draw a point (docs/method.md, "Shear") give a formula without a difference of
-    nearly equal numbers. With the true film coordinate u, w = |z| + n, the shear k (0 for pivot
-    `aperture`), and 1 / zf = 0 for fit `angle`, it is
+    NaN where there is no surface off the plate, and where no camera draws the surface: on the other
+    side of the plate if only one camera draws, and closer than n without an offset. The positions
+    at which the two cameras draw a point (docs/method.md, "Shear") give a formula without a
+    difference of nearly equal numbers. With the true film coordinate u, w = |z| + n, the shear k (0
+    for pivot `aperture`), and 1 / zf = 0 for fit `angle`, the displacement is
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 
@@ -131,7 +131,7 @@ def spread_of(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> 
 def link_lengths(
     points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]
 ) -> list[float | None]:
-    """Return the rms displacement (px) that each link of a chain adds; None if none is visible."""
+    """Return the rms displacement (px) that each link of a chain adds; None without a surface."""
     fields = {link: displacements(points, frustum, link) for link in dict.fromkeys(chain)}
 
     def rms(moved: Floats) -> float | None:
@@ -140,7 +140,7 @@ def link_lengths(
         return root_mean_square(known) if known.size else None
 
     first = rms(fields[chain[0]])
-    # If nothing moves, all links draw the same surfaces.
+    # Two links with equal settings draw the same points: the second adds no displacement.
     still = None if first is None else 0.0
     return [
         first,
@@ -154,7 +154,7 @@ def link_lengths(
 def outside_shares(
     points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]
 ) -> tuple[float, ...]:
-    """Return the share of pixels from outside the film that each link of a chain adds.
+    """Return the share of pixels that each link of a chain adds with points from outside the film.
 
     A pixel is charged to the first link whose image, like all later ones, shows a point from
     outside the film. If a point on the film's border is drawn d pixels farther in, the strip of d

@@ -66,9 +66,9 @@ class Prediction:
     silhouettes: float  #: wrong surface along silhouettes because of displacement
     snapped: float  #: wrong surface along silhouettes because edges snap to subpixels
     depth: float  #: wrong surface because of the depth buffer
-    outside: float  #: a point from outside the film is shown
+    outside: float  #: wrong surface because a point from outside the film is shown
     separation: Separations
-    culled: float = 0.0  #: the true surface is culled
+    culled: float = 0.0  #: wrong surface because the true surface is culled
     reasons: Reasons = NO_REASONS
 
     @property
@@ -152,8 +152,8 @@ class Predictor:
         turned = 0
         if settings.cull is not Cull.NONE:
             turned = int((turned_away(self._truth) & judged_pixels(self._truth)).sum())
-            # A culled pixel shows no surface or a hidden one, whose displacement the truth does not
-            # contain.
+            # A culled pixel shows no surface or a hidden surface. The true image does not contain
+            # hidden surfaces, so that their displacement is unknown.
             moved[-1] = None
             wrong[-1] = turned * (1 - min(sum(wrong) / judged, 1.0))
         spread, crosses = None, self._crosses(settings)
@@ -253,8 +253,8 @@ class Predictor:
             if far > 0 and slab.low <= far <= slab.high:
                 planes, buffer = (slab.near, slab.far), (settings.depth, settings.mapping)
                 there = smallest_separation(np.array([far + slab.step]), *planes, *buffer)
-                # Both slabs draw a surface at their common cut. The slab in which it is nearest
-                # resolves it better.
+                # Both slabs draw a surface at their common cut. The slab that begins there resolves
+                # it better.
                 least = separations.get(slab.camera, math.inf)
                 separations[slab.camera] = min(least, float(there[0]))
         return Separations(c=separations.get(Camera.C), c_star=separations.get(Camera.C_STAR))

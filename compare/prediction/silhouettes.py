@@ -3,8 +3,9 @@
 A contour is the border at which one surface ends in front of another. It consists of steps between
 neighboring pixels, and its normal is averaged over nearby steps. Let x be the distance from the
 contour in pixels, along the normal from the front surface to the back surface. The truth shows the
-front up to x = 0. The picture shows the front up to c = -d_front n, with displacements d; and from
-b = -d_back n on it shows the part of the back that is visible in the true frustum.
+front up to x = 0. With displacements d and the normal n, the picture shows the front up to
+c = -d_front n, and from b = -d_back n on it shows the part of the back that is visible in the true
+frustum.
 
  * Between 0 and c the picture shows another object, an extra surface, or no surface in place of a
    surface.
@@ -97,9 +98,9 @@ _NO_CONTOUR = -1  #: kind of a pair of neighbors without a contour between them
 class _Steps:
     """N steps along one axis.
 
-    `oriented` is +1 if the normal points in the direction of the axis. The rule does not depend on
-    heights between two objects: where objects meet, their heights are equal, and rounding would
-    reverse the normal along a contour.
+    `oriented` is +1 if the normal points in the direction of the axis. Between two objects it does
+    not depend on heights: where objects meet, their heights are equal, and rounding would reverse
+    the normal along a contour.
     """
 
     before: Indices  #: pixels of the flattened image
@@ -153,7 +154,7 @@ def _neighbors(image: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[An
 
 
 def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
-    """Return the pairs of neighbors along an axis of an image with a contour between them."""
+    """Return the neighboring pixels along an axis of an image that have a contour between them."""
     before, after = _neighbors(truth.object, axis)
     kind = np.where(before != after, np.int8(Kind.OBJECTS), np.int8(_NO_CONTOUR))
     occludes = _occludes(truth, axis)
@@ -178,7 +179,7 @@ def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
 
 
 def _occludes(truth: HogelImage, axis: int) -> Mask:
-    """Return a mask of the neighbors neither of whose points lies in the other's tangent plane."""
+    """Return a mask of the neighbors whose points lie off each other's tangent planes."""
     near, far = _neighbors(truth.height, axis)
     if truth.normal is None:
         return np.zeros(near.shape, dtype=np.bool_)
@@ -249,7 +250,7 @@ class Silhouettes:
     def _spans(
         self, chain: Sequence[DoubleFrustum]
     ) -> Iterator[tuple[DoubleFrustum, Floats, Floats]]:
-        """Yield settings from the last link backward, with the ends (N,) of the wrong span, px."""
+        """Yield settings from the last link backward, with the ends (N,) of wrong spans, px."""
         steps, *_ = sides = self._contours_for(chain[-1])
         between = steps.kind == Kind.OBJECTS
         low, high = np.full(len(steps.kind), -np.inf), np.full(len(steps.kind), np.inf)
@@ -266,8 +267,9 @@ class Silhouettes:
 
         There is one pair for each link of a chain, and one for rasterization. Along a straight edge
         of l steps, a wrong span consists of whole pixels, which are certainly wrong, and a fraction
-        f of a pixel: one more row of l pixels is wrong with probability f. Its variance is l^2 f
-        (1 - f), of which l f (1 - f), the variance of independent pixels, is subtracted.
+        f of a pixel: one more row of l pixels is wrong with probability f. The variance of the
+        number of wrong pixels is l^2 f (1 - f). The variance of independent pixels, l f (1 - f), is
+        subtracted.
         """
         steps = self._contours_for(chain[-1])[0]
         length = _lone_runs(self._truth.object.reshape(-1), steps)
@@ -291,17 +293,18 @@ class Silhouettes:
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
         """Return the expected number of judged pixels that only snapping makes wrong.
 
-        With c and b as above, the front ends at c + d after its edge snaps; both signs of d are
-        equally likely. Pixels that are already wrong do not count. Between objects, a growing front
-        (d > 0) makes the pixels beyond c, 0, and b wrong, and a receding front the pixels before c
-        and 0. Elsewhere only a receding front makes pixels wrong, before c and b.
+        With c and b of the module's docstring, the front ends at c + d after its edge snaps; both
+        signs of d are equally likely. Pixels that are already wrong do not count. Between objects,
+        a growing front (d > 0) makes the pixels beyond c, 0, and b wrong, and a receding front
+        makes the pixels before c and 0 wrong. Elsewhere only a receding front makes pixels wrong,
+        before c and b.
         """
         steps, judged = self._contours_for(settings)[0], self._judged.ravel()
         counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
         return float(np.sum(steps.length * self._snapped(settings, subpixel_bits) * counted))
 
     def _snapped(self, settings: DoubleFrustum, subpixel_bits: int) -> Floats:
-        """Return the mean width (N,), px, of spans at steps that only snapping makes wrong."""
+        """Return the mean width (N,), px, of each step's span that only snapping makes wrong."""
         steps, *_ = sides = self._contours_for(settings)
         c, b = self._ends(settings, sides)
         between = steps.kind == Kind.OBJECTS
@@ -447,9 +450,9 @@ def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
     """Return the expected number of judged pixels with hidden points beyond snapped creases.
 
     The visible length of a triangle's creases is estimated as their length times the visible share
-    of its area: the number of pixels that show it over its area on the film. The share exceeds 1 if
-    a pixel shows a far smaller triangle, but the sum is right on average over the pixel grid, for
-    any tessellation.
+    of the triangle's area: the number of pixels that show it, divided by its area on the film. The
+    share exceeds 1 if a pixel shows a far smaller triangle, but the sum is right on average over
+    the pixel grid, for any tessellation.
     """
     shown = truth.triangle[judged_pixels(truth) & truth.covered]
     number, pixels = np.unique(shown, return_counts=True)
@@ -458,8 +461,8 @@ def crease_pixels(truth: HogelImage, scene: Scene, subpixel_bits: int) -> float:
     own, side = np.nonzero(scene.twins[number] >= 0)
     length, area, offsets = _measured(truth, scene, number[own], side)
     shift = mean_shift(subpixel_bits, offsets).mean(axis=0)
-    # Each triangle counts for half of its creases. The area beyond a crease is at most the area of
-    # the triangle.
+    # Each crease counts half for each of its two triangles. The area beyond a crease is at most the
+    # area of the triangle.
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(length > 0, np.minimum(length * shift / 2 / area, 1.0), 0.0)
     return float(np.sum(pixels[own] * share))

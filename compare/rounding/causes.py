@@ -1,8 +1,8 @@
-"""The one classifier of causes: edge, order, lost, or unexplained.
+"""Classifier of the causes of wrong pixels: edge, order, lost, or unexplained.
 
 A rasterizer rounds vertices and depths, and draws a surface only if its depth passes the test
-against the clear value. Its image may therefore show another triangle at a pixel than exact cameras
-do (docs/method.md, "The error budget"):
+against the clear value. At a pixel, a rasterized image may therefore show another triangle than
+exact cameras show (docs/method.md, "The error budget"):
 
 * edge: rounding may have moved an edge of one of the two triangles across the pixel's center.
   Clipping adds edges: cuts by the near plane and by the reach, the film's border, and seams. If
@@ -53,11 +53,11 @@ class Surfaces(Protocol):
 
     @property
     def triangle(self) -> Numbers:
-        """(H, W), `NOTHING` where there is none."""
+        """(H, W) triangle numbers, `NOTHING` at pixels without a surface."""
 
     @property
     def height(self) -> NDArray[Any] | None:
-        """(H, W) above the plate; None in images of a single camera."""
+        """(H, W) heights above the plate; None in images of a single camera."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -90,7 +90,7 @@ class Causes(ShortRepr):
         return dict(zip(HEADINGS, numbers, strict=True))
 
     def some(self, kept: Mask) -> Causes:
-        """Return the causes of the marked pixels, (N,)."""
+        """Return the causes of the pixels that a mask (N,) keeps."""
         return Causes(shape=self.shape, pixels=self.pixels[kept], heading=self.heading[kept])
 
     def joined(self, other: Causes) -> Causes:
@@ -113,11 +113,11 @@ def find_causes(
     """Find the cause of every wrong pixel.
 
     `pixels` (N,) are the flat numbers of the pixels at which the images differ; `place` is the
-    column and row of all of them on the cameras' films, None where images are films. `cameras` are
-    all cameras that may have drawn the picture of `triangles` (F, 3, 3). `expected` is the picture
-    without rounding, or with another depth buffer. Ties in it need no special case, because tied
-    triangles meet at an edge or have equal depths. `shown` may hold triangle numbers that the scene
-    does not have.
+    column and row of all these pixels on the cameras' films, None if the images are films.
+    `cameras` are all cameras that may have drawn the picture of `triangles` (F, 3, 3). `expected`
+    is the picture without rounding, or with another depth buffer. Its ties need no special case,
+    because tied triangles meet at an edge or have equal depths. `shown` may hold triangle numbers
+    that the scene does not have.
     """
     shape = shown.triangle.shape
     if not len(pixels):
@@ -138,7 +138,7 @@ def find_causes(
         order = np.asarray(first.indistinguishable_from(second).any(axis=0))
         lost = first.lost().any(axis=0) & ~order
     # With too small a near plane the far cut may run nearly anywhere, and seams are slow to
-    # compute: both are tested only if nothing else explains the pixel.
+    # compute: far cuts and seams are tested only if nothing else explains the pixel.
     edge |= (before.near_cut | after.near_cut) & ~(order | lost)
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
@@ -165,10 +165,10 @@ def _drawn_by(
     pixels: Indices,
     place: tuple[int, int] | None = None,
 ) -> PixelTriangles:
-    """Return the triangles at pixels (N,) that each camera may have drawn; at a cut, both cameras.
+    """Return the triangles at pixels (N,) that each camera may have drawn.
 
-    The result is one set of slots in an array (cameras, images, N), because per-call overhead
-    dominates for small arrays.
+    At a cut, both cameras may have drawn a pixel. The result is one set of slots in an array
+    (cameras, images, N), because per-call overhead dominates for small arrays.
     """
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
     rows, columns = np.divmod(np.tile(pixels, len(images)), images[0].triangle.shape[1])
@@ -251,7 +251,7 @@ def _sampled(pixels: PixelIndex, shift: tuple[float, float]) -> Floats:
 
 
 def scattered(shape: tuple[int, ...], pixels: Indices, values: Mask | bool = True) -> Mask:
-    """Return a mask of this shape with values (N,) at the pixels of these flat numbers."""
+    """Return a mask of a shape, with values (N,) at pixels that are given by flat numbers."""
     mask = np.zeros(shape, dtype=np.bool_)
     mask.reshape(-1)[pixels] = values
     return mask

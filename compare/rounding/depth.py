@@ -22,7 +22,7 @@ DEPTH_ROUNDINGS = 8
 """Roundings of 2^-24 in a depth that a shader computes from w, relative to the largest term."""
 
 LOG_ULPS, LOG_NEAR_ONE = 6, 2.0**-21
-"""Errors of a logarithm that GLSL allows: 3 ULP (6 half units), or 2^-21 near one."""
+"""Errors that GLSL allows for a logarithm: 3 ULP (6 half units), or 2^-21 near one."""
 
 STEP = {DepthFormat.D16: 2.0**-16, DepthFormat.D24: 2.0**-24, DepthFormat.D32F: 0.0}
 """Distance of neighboring stored values of the fixed-point formats."""
@@ -33,12 +33,12 @@ class Depths:
     """Depth of one triangle at each of some pixels, with error bounds."""
 
     depth: Floats  #: (...) stored value 0..1 before rounding, NaN where there is no triangle
-    tolerance: Floats  #: (...) how far the stored value may lie from `depth`
+    tolerance: Floats  #: (...) largest distance of the stored value from `depth`
     #: (...) value of the buffer before anything is drawn, NaN where there is no triangle
     clear: Floats
 
     def at(self, slots: Indices, shape: tuple[int, int, int]) -> list[Depths]:
-        """Return these depths at their slots of an array (cameras, images, N), for each image.
+        """Put these depths at their slots of an array (cameras, images, N); return each image's.
 
         All other slots have no triangle.
         """
@@ -61,9 +61,9 @@ class Depths:
 def depths(shown: PixelTriangles) -> Depths:
     """Return the depth of one triangle at each pixel, as its camera's buffer stores it.
 
-    With w the distance along the axis, 1 / w is linear on the film, and so is the quantity that the
-    hardware interpolates: 1 / w itself where a fragment writes its depth, else depth, a + b / w. On
-    parallel lines s is linear, and depth is.
+    Let w be the distance along the axis. 1 / w is linear on the film, and so is the quantity that
+    the hardware interpolates: 1 / w itself if a fragment writes its depth, else depth, a + b / w.
+    On parallel lines s is linear, and so is depth.
     """
     film, precision = shown.film, shown.film.precision
     if film.along is not None:
@@ -169,7 +169,7 @@ def _written(
     n: Floats,
     f: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return the depth that fragments write, and its error bound; `known` bounds 1 / w's error."""
+    """Return the depth written by fragments, with error bounds; `known` bounds errors of 1 / w."""
     # The fragment shader computes w from the interpolated 1 / w.
     w = 1 / inverse
     of_w = w * known * w

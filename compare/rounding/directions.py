@@ -2,8 +2,8 @@
 
 A drawn image by direction differs from the truth only by rounding: vertices snap to subpixels in
 the plate's plane, and depth is quantized, linearly in z for parallel lines. The cameras of `raster`
-are affine, or have their center in a point of the screen. Here the same camera is described by the
-lines of the reference.
+are affine, or have their center in a point of the screen. This module describes the same cameras by
+the lines of the reference.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Frustum, Plate, PlateTile
 
-#: pixels explained at once, each by its own camera
+#: number of pixels that are explained together, each by its own camera
 PIXELS_AT_ONCE = 64
 
-Pixel = tuple[int, int]  #: column and row of a pixel of every hogel, or of a hogel
+Pixel = tuple[int, int]  #: column and row, of a pixel in its hogel or of a hogel on the plate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class _Shown:
 def direction_camera(
     scene: Scene, tile: PlateTile, pixel: Pixel, precision: Precision
 ) -> RoundingCamera:
-    """Return the camera of a pixel (column, row) of all hogels of a tile.
+    """Return the camera that draws a pixel (column, row) of every hogel in a tile.
 
     The truth has the same lines. For a camera in a point of the screen, the rasterizer sets the
     distances of the near and far plane from this point.
@@ -56,7 +56,7 @@ def direction_camera(
 
 @lru_cache(maxsize=4)
 def _tile_lines(frustum: Frustum, tile: PlateTile) -> TileLines:
-    """Return the lines of a tile, of which neighboring hogels need the same."""
+    """Return the lines of a tile, with a cache, because neighboring hogels are in one tile."""
     return TileLines(frustum, tile)
 
 
@@ -65,8 +65,8 @@ def explain_direction(
 ) -> Causes:
     """Find the cause of every pixel at which the drawn triangle differs from the true triangle.
 
-    `triangle` (rows, columns) is an image of `raster.plate.directions` with a depth buffer of this
-    format.
+    `triangle` (rows, columns) is an image of `raster.plate.directions` with a depth buffer of the
+    format `depth`.
     """
     camera = direction_camera(scene, truth.tile, truth.pixel, _precision(device, depth))
     pixels = np.flatnonzero(truth.triangle != triangle)
@@ -86,7 +86,7 @@ class DirectionPlate:
     depth: DepthFormat
     #: columns and rows of hogels of a tile, fewer at the ends of the plate
     tile: tuple[int, int]
-    #: function that returns the stored triangles (rows, columns) of a pixel of some hogels
+    #: function that returns the stored triangles (rows, columns) of one pixel in a tile of hogels
     shown: Callable[[PlateTile, Pixel], Numbers]
 
     def explain(
@@ -98,8 +98,8 @@ class DirectionPlate:
     ) -> Causes:
         """Find the cause of each wrong pixel (N,) of a hogel by the camera of its direction.
 
-        `images` are the true and the stored one. A camera has the film of the tile that was drawn,
-        of which only the hogel and its neighbors are compared.
+        `images` are the true and the stored image. The film of a camera is the whole tile that was
+        drawn. Only the hogel and its neighbors are compared.
         """
         scene, index = reference.scene, images[0].camera.aperture.index
         tile, precision = self._tile_of(scene.plate, index), _precision(device, self.depth)
@@ -114,7 +114,8 @@ class DirectionPlate:
                 )
                 for k, number in enumerate(pixels[part].tolist())
             ]
-            # An empty pixel after each one in both images: all are beside likeness.
+            # An empty pixel follows each pixel in both images, so that all pixels pass
+            # `causes._beside_likeness`.
             expected, shown = (
                 _Shown(
                     triangle=np.stack((some, np.full_like(some, NOTHING)), axis=1).reshape(1, -1)
@@ -124,7 +125,8 @@ class DirectionPlate:
             own = 2 * np.arange(len(cameras))
             causes = find_causes(scene.triangles, cameras, expected, shown, own, place)
             heading[part] = causes.heading
-        # An edge counts where a neighboring hogel is covered, or empty, in both images.
+        # If only one image is covered, an edge is the cause only if the hogel or a neighbor is
+        # covered in both images, or empty in both: find the cause again, with the neighbors.
         edge = (heading == HEADINGS.index("edge")) & ((true == NOTHING) != (drawn == NOTHING))
         for number in np.flatnonzero(edge).tolist():
             pixel = _pixel(scene, int(pixels[number]))
@@ -135,7 +137,7 @@ class DirectionPlate:
     def _beside_others(
         self, reference: Reference, camera: RoundingCamera, where: tuple[PlateTile, Pixel, Pixel]
     ) -> int:
-        """Return the heading of a pixel of a hogel of a tile, compared with the hogels around."""
+        """Return the heading of a hogel's pixel, from images of the hogel and its neighbors."""
         tile, index, pixel = where
         part = _cut(tile, index)
         (view,) = reference.by_directions(part, [pixel], normals=False, colored=False)
@@ -163,7 +165,7 @@ def _pixel(scene: Scene, number: int) -> Pixel:
 
 
 def _cut(tile: PlateTile, index: Pixel) -> PlateTile:
-    """Return a hogel (column, row) of a tile, with the hogels of the tile around it."""
+    """Return the part of a tile with a hogel (column, row) and its neighbors."""
     columns, rows = (
         range(max(at - 1, cells.start), min(at + 2, cells.stop))
         for at, cells in zip(index, (tile.columns, tile.rows), strict=True)

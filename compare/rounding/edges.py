@@ -2,8 +2,7 @@
 
 A renderer that clips triangles at its film and at its near and far planes draws the remaining
 polygon as several triangles. The specification leaves the triangulation undefined, but the sides
-shared by two of these triangles are diagonals of the polygon. They are edges that the mesh does not
-have.
+shared by two of these triangles are diagonals of the polygon. The mesh does not have these edges.
 """
 
 from itertools import combinations
@@ -27,13 +26,13 @@ def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
     """Return the smallest and largest 1 / w at which the far plane may cut triangles, (T,) each.
 
     Where clip depth equals w at the far plane, w - z is n (f - w) / (f - n), or twice this. Float32
-    computes it at each corner with an error of at most `FAR_ROUNDINGS` of 2^-24 of the corner's w.
-    Between two corners the difference is linear, and so is its error: the cut lies where |w - z| is
-    at most the larger of the two errors, that is, within (f - n) / n times this error of w = f. If
-    this distance exceeds f, as with n below 2^-24 w, the cut may lie at any distance, beside the
-    camera or behind it. Reversed clip depth is zero at the far plane, so that no difference is
+    computes it at each corner with an error of at most `FAR_ROUNDINGS` times 2^-24 w. Between two
+    corners the difference is linear, and so is its error: the cut lies where |w - z| is at most the
+    larger of the two errors, that is, within (f - n) / n times this error of w = f. If this
+    distance exceeds f, as with n below 2^-24 w, the cut may lie at any distance, even beside or
+    behind the camera. Reversed clip depth is zero at the far plane, so that no difference is
     rounded. Parallel lines have w = 1 and depth linear in s: the error of the difference is at most
-    `FAR_ROUNDINGS` of 2^-24 of the reach, and the result is s.
+    `FAR_ROUNDINGS` times 2^-24 of the reach, and the function returns s in place of 1 / w.
     """
     n, f = film.planes
     if film.along is not None:
@@ -58,7 +57,7 @@ def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
 class Placement(NamedTuple):
     """Positions of pixel centers relative to the triangles drawn there, one triangle per pixel.
 
-    A `possible` center outside its triangle is always `near_edge` as well.
+    If a center is `possible` but outside its triangle, it is also `near_edge`.
     """
 
     #: (N,) the center lies inside the triangle, or outside by no more than rounding can move an
@@ -68,18 +67,18 @@ class Placement(NamedTuple):
     #: a cut by the near plane or the reach
     near_edge: Mask
     #: (N,) the center is near an edge that rounding may move farther than snapping does: near a
-    #: cut, or where coordinates are rounded coarsely, as close to the camera's own plane
+    #: cut, or where coordinates are rounded coarsely, such as close to the camera's own plane
     near_moved: Mask
-    #: (N,) the center is possible, and the cut by the far plane may run there: see `far_cuts`
+    #: (N,) the center is possible, and the far plane may cut the triangle there: see `far_cuts`
     near_cut: Mask
 
 
 def placement(shown: PixelTriangles) -> Placement:
     """Locate pixel centers relative to triangles, within the rounding errors of a rasterizer.
 
-    Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
-    before that, their clip coordinates are rounded to float32, which changes the homogeneous edge
-    function by up to a sum of products. The depth mapping determines the precision of the cut by
+    Clip coordinates of vertices are rounded to float32, which changes the homogeneous edge function
+    by up to a sum of products. Then vertices are rounded to the subpixel grid, which moves an edge
+    by up to sqrt(2)/2 of the grid's step. The depth mapping determines the precision of the cut by
     the far plane.
     """
     film = shown.film
@@ -127,11 +126,11 @@ def placement(shown: PixelTriangles) -> Placement:
 def _may_be_between(
     shown: PixelTriangles, along: Floats, edges: tuple[Floats, Floats], ends: tuple[Floats, Floats]
 ) -> Mask:
-    """Return the pixels (N,) at which s of parallel lines may lie between two values (T,) each.
+    """Return the pixels (N,) at which s of parallel lines may lie between two ends (T,) each.
 
     `along` holds s of the corners and its error bounds, `edges` the edge functions (3, N) and their
-    bounds. The weight of a corner is the function of the opposite edge over the volume, so that
-    s - end has the sign of sum((s_k - end) E_k). Float32 changes each factor of this sum, and
+    bounds. The weight of a corner is the function of the opposite edge divided by the volume, so
+    that s - end has the sign of sum((s_k - end) E_k). Float32 changes each factor of this sum, and
     snapping changes the sum as a whole.
     """
     film, (sides, shifts) = shown.film, edges

@@ -25,8 +25,8 @@ GRADIENT_ROUNDINGS = 5
 
 Each product of an edge and a depth difference has five roundings: the edge, the depth difference,
 the quotient of edge and area, the product, and the difference of two products. The area has three
-in each of its two products, and two more. If the corners lie nearly on one line, these products are
-large and cancel.
+roundings in each of its two products, and two more. If the corners lie nearly on one line, these
+products are large and cancel.
 """
 
 PLANE_ROUNDINGS = 11
@@ -45,14 +45,14 @@ class Planes:
     """A quantity Z / w over triangles (T,) in homogeneous film coordinates, linear on the film.
 
     A device interpolates between corners V' = V + d of the triangle, or of the polygon that
-    clipping leaves, whose corners are weighted means of the triangle's corners. At a pixel p it
-    computes sum(m_i Z'_i) with weights m_i >= 0 for which sum(m_i V'_i) = (p, 1). On the exact
-    plane Z = G . V, so that
+    clipping leaves. The polygon's corners are weighted means of the triangle's corners. At a pixel
+    p the device computes sum(m_i Z'_i) with weights m_i >= 0 for which sum(m_i V'_i) = (p, 1). On
+    the exact plane Z = G . V, so that
 
         found - exact = sum(m_i (dZ_i - G . d_i)),        sum(m_i w_i) = 1,
 
-    for every triangulation of the polygon. Three errors contribute; the first two move corners, the
-    third moves the plane between them:
+    for every triangulation of the polygon. Three errors contribute; the first two move corners, and
+    the third moves the plane between the corners:
 
     * snapping, by half a subpixel step along each axis, if the device computes the plane from
       snapped vertices;
@@ -115,12 +115,13 @@ class Planes:
     def varying(
         self, values: Floats, which: Indices, points: Floats, device: DeviceModel
     ) -> tuple[Floats, Floats]:
-        """Return a smooth varying (T, 3) at film points, exactly, and its error bounds.
+        """Return the exact values of a smooth varying (T, 3) at film points, and error bounds.
 
-        It is the quotient of two planes, a / w and 1 / w. Snapping shifts both planes by the same
-        offset: the value drawn at p is the exact value at a point within half a subpixel step of p.
-        Over this step, a / w minus the exact value at p times 1 / w rises by its own slope. Float32
-        rounding affects the two planes independently. The bound is infinite where 1 / w may vanish.
+        The varying is the quotient of two planes, a / w and 1 / w. Snapping shifts both planes by
+        the same offset: the value drawn at p is the exact value at a point within half a subpixel
+        step of p. With v the exact value at p, a / w - v / w changes by its own slope over this
+        step. Float32 rounding affects the two planes independently. The bound is infinite where
+        1 / w may vanish.
         """
         w, size = self.vertices[..., 2], np.asarray(self.resolution, dtype=np.float64)
         largest = [(np.abs(value) / w).max(axis=1) for value in (values, np.ones_like(w))]

@@ -35,7 +35,7 @@ class Precision:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateFilm:
-    """An exact camera whose film is a tile of the plate: lines of one pixel of all its hogels.
+    """Exact camera with the lines of one pixel of every hogel in a tile; the tile is its film.
 
     Parallel lines have the homogeneous coordinate w = 1, and s = -z is linear on the film; lines
     through a point of the screen have w = s, and 1 / s is linear on it.
@@ -44,7 +44,7 @@ class PlateFilm:
     #: (3, 4) homogeneous film coordinates (x, y, w) of scene points (x, y, z, 1)
     film_from_scene: Floats
     resolution: tuple[int, int]  #: columns and rows of hogels
-    #: Signed ends of s, as in `RayBundle`; the near and far plane of lines through a point
+    #: Signed ends of s, as in `RayBundle`; for lines through a point, at the near and far plane
     s_range: tuple[float, float]
     parallel: bool
 
@@ -111,7 +111,7 @@ class RoundingCamera:
 PixelIndex = tuple[Indices, Indices]  #: columns and rows of some pixels, (N,) each
 
 NEXT, AFTER_NEXT = (1, 2, 0), (2, 0, 1)
-"""Numbers of the next of three corners or coordinates, and of the next but one."""
+"""For each of three corners or coordinates, the index of the next, and of the next but one."""
 
 CLIPPED_VERTEX_ROUNDINGS = 16
 """Error bound of a float32 clip coordinate, in roundings of 2^-24 of its sum of absolute terms.
@@ -127,7 +127,7 @@ class FilmTriangles:
     """Triangles on the films of cameras with equal precision, one camera after the other."""
 
     precision: Precision
-    resolution: tuple[int, int]  #: W, H of their films in pixels
+    resolution: tuple[int, int]  #: W, H of the films in pixels
     #: (2, T) ends of `s_range` of each triangle's camera, its near and far plane; negative for C*
     ends: Floats
     #: vertices, bound: (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their
@@ -232,8 +232,8 @@ class FilmTriangles:
 class PixelTriangles:
     """One triangle at each of some pixels; each triangle is projected once."""
 
-    film: FilmTriangles  #: The triangles, each once for each camera
-    which: Indices  #: (N,) place of each pixel's triangle among these
+    film: FilmTriangles  #: the triangles, projected for each camera that may have drawn them
+    which: Indices  #: (N,) index in `film` of each pixel's triangle
     points: Floats  #: (N, 3) centers of the pixels, (u, v, 1)
     slots: Indices  #: (N,) places of the pixels in an array with the pixels of all cameras
 
