@@ -28,14 +28,12 @@ from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
-from xfrustum.scenes.arguments import one_of
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError, one_of
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, PlateTile
+from xfrustum.scenes.plate import Aperture, DoubleFrustum, PlateTile
 from xfrustum.scenes.representation import ShortRepr
 
 Result = TypeVar("Result")

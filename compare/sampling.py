@@ -27,10 +27,9 @@ from typing import overload
 import numpy as np
 import scipy
 
-from xfrustum.scenes.arguments import real, settle, whole
+from xfrustum.scenes.arguments import InputError, real, settle, whole
 from xfrustum.scenes.arrays import Indices, Mask
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate import Aperture, Plate
 from xfrustum.tolerances import SAMPLED_HOGELS
 
 CONFIDENCE = 0.95  #: probability that the bound on the share of hogels holds

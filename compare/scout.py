@@ -21,10 +21,9 @@ from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
+from xfrustum.scenes.model.images import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, Camera, DoubleFrustum
 
 #: Lines along each side of the coarse film: 576 lines per aperture, of which 1 % are six lines.
 FILM_PIXELS = 24

@@ -8,9 +8,9 @@ from enum import StrEnum
 
 from xfrustum.reference import Reference
 from xfrustum.reference.tiles import TILE_PIXELS, tile_rows
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate, PlateTile
+from xfrustum.scenes.plate import Aperture, ApertureBlocks, Plate, PlateTile
 
 
 class TruthBy(StrEnum):

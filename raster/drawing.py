@@ -20,13 +20,13 @@ from xfrustum.raster.device.programs import (
     set_facing,
 )
 from xfrustum.raster.device.targets import Target
-from xfrustum.scenes.appearance.appearance import Material
-from xfrustum.scenes.appearance.display import decoded
+from xfrustum.scenes.appearance import Material
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Bytes, Singles
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthMapping
+from xfrustum.scenes.plate import DepthMapping
+from xfrustum.scenes.representation import decoded
 
 #: bindings of storage blocks, as in texture.glsl
 TEXELS, PLACES, DECODED = 9, 10, 11

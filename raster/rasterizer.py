@@ -23,17 +23,15 @@ from xfrustum.raster.device.context import (
 from xfrustum.raster.device.positions import Positions
 from xfrustum.raster.device.targets import Target, most_samples
 from xfrustum.raster.drawing import Drawing
-from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
-from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.appearance import Sampling, sub_apertures
+from xfrustum.scenes.arguments import InputError, one_of
 from xfrustum.scenes.arrays import Numbers, Singles
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.device_model import DeviceModel, model_of
 from xfrustum.scenes.model.effects import Effect, Question, checked, needed
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage, Rendering
+from xfrustum.scenes.model.images import NOTHING, HogelCamera, HogelImage, Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.model.visibility import loses_far_plane
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, DepthFormat, DoubleFrustum
 
 #: Largest number of sample points drawn at once. It bounds a target's memory, 28 bytes for each
 #: coverage sample of a point.

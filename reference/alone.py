@@ -12,14 +12,13 @@ from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.proposals import proposed, uncertified
 from xfrustum.reference.tracers.tracer import TRACERS, Tracer
 from xfrustum.reference.truth import Reference
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.model.images import Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, Cull, DoubleFrustum
 
 CERTIFIED = "certified"  #: name of the decision that is proven for every pixel
 #: names of the ways to decide the surface of a pixel

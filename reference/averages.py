@@ -19,10 +19,10 @@ from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.memory import BAND_PIXELS, bands
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.shadows import ShadowedShader
-from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling
+from xfrustum.scenes.appearance import MAX_SAMPLES, Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate import Aperture, Plate
 
 #: Points along each side of a pixel that integrate the box of multisampling. The error for a
 #: straight edge along the rows or columns of points is at most half a row, 1/16 of the pixel; for

@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
 
 #: Environment variable that Dr.Jit reads first. If it is set, no other library is considered.
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"

@@ -31,11 +31,9 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import LineGrid, PixelLines, RayBundle, crossed_frustum
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
-from xfrustum.scenes.model.direction_image import DirectionImage
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.images import NOTHING, DirectionImage, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, PlateTile
+from xfrustum.scenes.plate import Aperture, DoubleFrustum, PlateTile
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from xfrustum.reference.rays.integers import coordinates, integers, meet
 from xfrustum.reference.rays.rays import ExactMesh, RayBatch
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 #: first t of a ray to a light: above zero, because a surface that touches the point hides nothing

@@ -16,7 +16,7 @@ from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import RayBundle, TileLines, crossed_frustum
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.plate.plate import Frustum, PlateTile
+from xfrustum.scenes.plate import Frustum, PlateTile
 
 #: Largest number of pixels of all hogels of a tile, decided at once. A pixel takes 13 bytes, and 16
 #: more with gaps: 440 MB, or 970 MB.

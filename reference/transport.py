@@ -41,11 +41,10 @@ from xfrustum.reference.shadows import ShadowedShader
 from xfrustum.reference.tracers.mitsuba_tracer import robust_scene
 from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
 from xfrustum.reference.tracers.tracer import unit_scale
-from xfrustum.scenes.appearance.appearance import Environment
-from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.appearance import Environment, Transport
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 #: Smallest squared area used as a divisor; it replaces the zero of a triangle without area
 MIN_SQUARED_AREA = 2.0**-1000

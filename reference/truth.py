@@ -30,16 +30,13 @@ from xfrustum.reference.tracers.embree import EmbreeTracer, embree_versions
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer, mitsuba_versions
 from xfrustum.reference.tracers.proposals import SecondOpinion, uncertified
 from xfrustum.reference.tracers.tracer import TRACERS, Tracer
-from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
-from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.appearance import Sampling, sub_apertures
+from xfrustum.scenes.arguments import InputError, one_of
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.direction_image import DirectionImage
 from xfrustum.scenes.model.effects import Effect, checked
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, Rendering, stacked
+from xfrustum.scenes.model.images import DirectionImage, HogelCamera, HogelImage, Rendering, stacked
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, PlateTile
+from xfrustum.scenes.plate import Aperture, Cull, DoubleFrustum, PlateTile
 
 
 class Reference:

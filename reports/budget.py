@@ -32,12 +32,11 @@ from xfrustum.reports.notebook import png as png_of
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import SENTENCES, aligned, sentences
 from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene
-from xfrustum.scenes.appearance.display import LEVELS
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.representation import digits, percent
+from xfrustum.scenes.representation import LEVELS, digits, percent
 
 CHAIN = ("T0", "T1", "T2", "T3", "T4", "T5", "R0", "R1")
 """Names of the chain's images, used for files; T5 exists only if faces are culled."""

@@ -39,7 +39,7 @@ from xfrustum.reports.ways import CONTENT, DirectionsResult, measure_directions
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
+from xfrustum.scenes.plate import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.representation import digits, percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 

@@ -20,8 +20,8 @@ from xfrustum.raster.device.fingerprint import draw_fingerprint
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page, plain_text
 from xfrustum.reports.text import aligned
-from xfrustum.scenes.disk.durable import write_file
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
+from xfrustum.scenes.disk import write_file
 from xfrustum.scenes.model.device_model import DeviceModel, kept_at
 
 FILES = PAGE, DATA = "index.html", "device.json"

@@ -18,7 +18,7 @@ from xfrustum.reports import text
 from xfrustum.reports.notebook import Display, Figure, as_shown, by_height, marked, png
 from xfrustum.scenes import HogelImage, Scene
 from xfrustum.scenes.model.eye import EyeImage
-from xfrustum.scenes.model.hogel_image import Certainty, SurfaceImage
+from xfrustum.scenes.model.images import Certainty, SurfaceImage
 from xfrustum.scenes.model.scene import SceneObject
 from xfrustum.scenes.representation import counted, digits, percent, sides
 

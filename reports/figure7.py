@@ -20,7 +20,7 @@ from xfrustum.scenes import (
     HogelImage,
     Scene,
 )
-from xfrustum.scenes.appearance.display import LEVELS, encoded
+from xfrustum.scenes.representation import LEVELS, encoded
 
 #: Default near offset, share of the reach. Points farther than a percent of the reach from the
 #: plate are displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth

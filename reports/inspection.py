@@ -18,7 +18,7 @@ from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.notebook import by_height, map_of, png
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Plate, Scene
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.representation import digits, percent
 
 PAGE = "inspect.html"

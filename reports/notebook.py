@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from xfrustum.reports.common.templates_environment import fragment
-from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Singles
+from xfrustum.scenes.representation import LEVELS, encoded
 
 # Pictures
 # ------------------------------------------------------------------------------------------------

@@ -19,8 +19,7 @@ import pyarrow.parquet as pq
 
 from xfrustum.reports.common.outputs import json_object, refused
 from xfrustum.scenes import InputError
-from xfrustum.scenes.disk.durable import write_file
-from xfrustum.scenes.disk.input_files import read_input
+from xfrustum.scenes.disk import read_input, write_file
 from xfrustum.scenes.model.scene import Scene, look_hash
 
 #: Name of the description beside the parts; readers of Parquet skip names that begin like this.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share
 from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason, Reasons
 from xfrustum.scenes import Scene
-from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.model.images import Certainty
 from xfrustum.scenes.representation import counted, digits, percent, plain, sides
 
 if TYPE_CHECKING:

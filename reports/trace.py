@@ -13,11 +13,11 @@ from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.scenes import Aperture, Scene
-from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.disk.input_files import in_words
+from xfrustum.scenes.appearance import Sampling
+from xfrustum.scenes.disk import in_words
 from xfrustum.scenes.files.exr import image_writer, write_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS
-from xfrustum.scenes.model.hogel_image import Certainty, Rendering
+from xfrustum.scenes.model.images import Certainty, Rendering
 
 LARGE_PIXELS = 1 << 23
 """Lines or light paths from which on `trace` prints a forecast; below, it takes seconds."""

@@ -32,13 +32,13 @@ from xfrustum.reports.plate.arrays import COLOR, TRIANGLE
 from xfrustum.reports.plate.reader import PlateReader
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes import NOTHING, DoubleFrustum, InputError, Offset
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.files.exr import write_eye_image
-from xfrustum.scenes.files.foreign_images import Encoding
+from xfrustum.scenes.files.pictures import Encoding
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, EyeImage
-from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.images import PlateContent
 from xfrustum.scenes.model.scene import Scene, look_hash
 from xfrustum.scenes.representation import counted
 

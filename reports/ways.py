@@ -21,7 +21,7 @@ from xfrustum.reference import Reference
 from xfrustum.reports.common.templates_environment import sentence
 from xfrustum.reports.plate.ways import DEPTH
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
-from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.images import PlateContent
 
 #: Images of the timed plates: color in the type that plates are stored in, and triangle numbers.
 CONTENT = PlateContent(ids=True)

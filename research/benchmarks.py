@@ -38,11 +38,11 @@ from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Scene
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import Effect, needed
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.model.images import ColorType, PlateContent
+from xfrustum.scenes.plate import PlateTile
 
 #: The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types
 Record = dict[str, Any]

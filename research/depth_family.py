@@ -13,8 +13,8 @@ import numpy as np
 
 from xfrustum.scenes import Aperture, Camera, Frustum, InputError, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.shapes import place, placement
-from xfrustum.scenes.library.car import car
+from xfrustum.scenes.library.objects import car
+from xfrustum.scenes.shapes import place, placement
 
 REACH = 1000.0
 #: Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing.

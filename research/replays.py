@@ -14,7 +14,7 @@ from xfrustum.reports.view import drawing
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 
 #: columns of each eye's film; its number of pixels limits the number of drawn hogels
 FILM_COLUMNS = 64

@@ -17,12 +17,11 @@ from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.common.timing import race
 from xfrustum.research.benchmarks import COLOR_ONLY, Record, exhaust, machine_record, settings_of
-from xfrustum.scenes import InputError, Scene
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes import InputError, Scene, shapes
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.geometry import shapes
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.car import studio
+from xfrustum.scenes.library.objects import studio
 from xfrustum.scenes.model.scene import read_only
 
 #: Numbers of apertures about the middle of the plate that are drawn as a plate, and one by one with

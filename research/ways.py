@@ -29,7 +29,7 @@ from xfrustum.reports.common.templates_environment import fragment, plain_text
 from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.research.table1 import tessellated_car
 from xfrustum.scenes import DepthFormat, DoubleFrustum, Scene, open_scene
-from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.images import PlateContent
 
 DEFAULT_FOLDER = Path("study") / "ways"
 #: columns and rows of the pixels of a hogel

@@ -1,19 +1,17 @@
 """Scene data: plate, frustum, meshes, settings, and the image that every renderer returns.
 
-appearance/     Materials, lights, and the sampling of color
-conformance/    Conformance suite: frozen test cases for hogel renderers
-disk/ Files on disk: bounded reading, atomic writing
-files/          Scene files, maps and images
-geometry/       Surfaces as triangles: shapes, patches, placement, refinement, normals
-library/        Built-in scenes
-meshes/ Mesh files as objects: each feature is read, listed as unread, or refused
-model/          Scene, hogel image, device and eye
-plate/          Plate, apertures, their crossed frustum, and the settings of the two cameras
-arguments       Arguments of the public dataclasses: numbers, names and programs
-arrays          Types of arrays, named by their content
-errors Exception for mistakes that users can correct
-representation  Short text of numbers and objects, and arrays with labels
-opening         Scenes by name or path
+* appearance: materials, lights, the sampling of color, and light transport
+* conformance_suite: frozen test cases for hogel renderers, in the folder `conformance`
+* disk: bounded reading and atomic writing of files
+* files: scene files, maps and images
+* library: built-in scenes, and scenes opened by name or path
+* meshes: mesh files as objects; each feature is read, listed as unread, or refused
+* model: scene, images, device and eye
+* plate: plate, apertures, their crossed frustum, and the settings of the two cameras
+* shapes: shapes of size one; placing, refining and smoothing of meshes
+* arguments: arguments of the public dataclasses, and the error for the user
+* arrays: types of arrays, named by their content
+* representation: short texts of numbers and objects, labelled arrays, and sRGB colors
 
 Words: see the glossary in CONVENTIONS.md.
 """

@@ -1,4 +1,4 @@
-"""Conversion of arguments of the public dataclasses: numbers, names and programs.
+"""Arguments of the public dataclasses: conversion, checks, and the error for the user.
 
 A value that is not a number becomes NaN. A value that is not a count becomes `NO_COUNT`, which is
 below all counts. The range test of the class then refuses both, with a message that shows the
@@ -15,7 +15,10 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TypeVar
 
-from xfrustum.scenes.errors import InputError
+
+class InputError(Exception):
+    """Bad input, in one line: the error, the value, the advice. Commands exit with status 2."""
+
 
 Choice = TypeVar("Choice", bound=StrEnum)
 NO_COUNT = -1  # replaces a value that is not a whole number; it is below every allowed count

@@ -20,7 +20,7 @@ from xfrustum.reports.view import drawing, shown, view
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye, EyeImage
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 
 FOLDER = Path("docs") / "images"
 SCENES = {"moved-car": "car", "moved-asymmetric": "asymmetric"}  #: scenes by name of the picture

@@ -13,12 +13,12 @@ from typing import Any
 
 from xfrustum.compare.judging.conformance import digest, mean_radiance, trace
 from xfrustum.reference import Reference
-from xfrustum.scenes.conformance import suite
+from xfrustum.scenes import conformance_suite
 
 
 def frozen(table: dict[str, Any]) -> dict[str, Any]:
     """Return the table of a case with the digest and the mean radiance of its truths."""
-    case = suite.Case.from_table(table)
+    case = conformance_suite.Case.from_table(table)
     scene = case.open()
     reference = Reference(scene)
     truths = [trace(case, reference, aperture) for aperture in case.apertures(scene)]
@@ -32,8 +32,8 @@ def frozen(table: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Freeze the suite in the folder of the command line."""
-    suite.FOLDER = Path(sys.argv[1])
-    path = suite.FOLDER / "cases.toml"
+    conformance_suite.FOLDER = Path(sys.argv[1])
+    path = conformance_suite.FOLDER / "cases.toml"
     lines = []
     for table in tomllib.loads(path.read_text(encoding="utf-8"))["case"]:
         lines.append("[[case]]")

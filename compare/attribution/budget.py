@@ -19,7 +19,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import ShortRepr
 

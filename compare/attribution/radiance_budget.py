@@ -22,15 +22,13 @@ from xfrustum.reference import Reference
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.shading.shading import Shader
-from xfrustum.scenes.appearance.display import through_8_bits
-from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.appearance import Sampling, sub_apertures
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.representation import ShortRepr
+from xfrustum.scenes.plate import Aperture, DoubleFrustum
+from xfrustum.scenes.representation import ShortRepr, through_8_bits
 
 EYE_VECTOR, SHADING = "eye vector", "shading"
 CLIPPING, OUTPUT = "clipping", "8-bit output"

@@ -17,7 +17,7 @@ from xfrustum.raster.device.context import is_software
 from xfrustum.raster.device.fingerprint import SIZE, Fingerprint
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import KNOWN, SIXTEENTH, DeviceModel, Range, safe_model
-from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate import DepthFormat
 
 FIXED = (DepthFormat.D16, DepthFormat.D24)
 LARGEST = {DepthFormat.D16: 2**16 - 1, DepthFormat.D24: 2**24 - 1}

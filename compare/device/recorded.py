@@ -17,15 +17,14 @@ from xfrustum.compare.rounding.edges import per_pixel
 from xfrustum.compare.rounding.triangles import PixelTriangles
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Numbers
-from xfrustum.scenes.disk.input_files import check_picture_size, read_arrays
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.disk import check_picture_size, read_arrays
+from xfrustum.scenes.library.builtin import open_scene
 from xfrustum.scenes.model.device_model import DeviceModel, Digits, model_of
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.opening import open_scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, DoubleFrustum
 
 
 @dataclass(frozen=True, kw_only=True)

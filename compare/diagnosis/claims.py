@@ -9,9 +9,9 @@ import numpy as np
 
 from xfrustum.compare.renderer_model.drawn_model import EVEN, RendererModel
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 # Size of the triangle that represents a claimed point, relative to the point's largest coordinate.
 # It equals the float32 rounding of stored points.

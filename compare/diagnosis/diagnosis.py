@@ -38,7 +38,7 @@ from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.judging.verdict import Hogel
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import OTHER_FIELDS, Recentering, RendererModel
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 
 # Smallest number of claims for a fit of geometry: several for each fitted number, and for the
 # orientation and the order.

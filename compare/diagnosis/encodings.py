@@ -31,7 +31,7 @@ from xfrustum.compare.renderer_model.pictures import (
 )
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
-from xfrustum.scenes.files.foreign_images import (
+from xfrustum.scenes.files.pictures import (
     Encoding,
     Reading,
     Transfer,
@@ -42,7 +42,7 @@ from xfrustum.scenes.files.foreign_images import (
     stored_integers,
     stored_rgb,
 )
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
 # Defects of colors stored with another curve than stated; the last name is for all other curves.

@@ -44,7 +44,7 @@ from xfrustum.compare.renderer_model.pictures import (
 )
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 Picture = NDArray[Any]

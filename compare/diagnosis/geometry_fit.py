@@ -43,7 +43,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
 )
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+from xfrustum.scenes.plate import Fit, Pivot
 
 # Largest distance by which rasterizers move edges, in pixels: half the diagonal of a subpixel cell.
 # Graphics hardware has 8 subpixel bits.

@@ -30,7 +30,7 @@ from xfrustum.compare.renderer_model.pictures import (
 )
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 # Reference pixels per image pixel along each side, with interpolation between them. Ratio of the

@@ -21,7 +21,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
 from xfrustum.compare.renderer_model.pictures import shows_something
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 
 MIN_EXPLAINED_FRACTION = 0.9
 """Smallest share of the wrong pixels that a diagnosis must explain.

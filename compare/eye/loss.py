@@ -19,13 +19,12 @@ from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.eye.view import EyeReference, hogel_lines
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reference.lines.triangles import plane_places, triangle_normals
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
-from xfrustum.scenes.model.plate_content import ColorType, FilmPart
+from xfrustum.scenes.model.images import NOTHING, Certainty, ColorType, FilmPart
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate import DoubleFrustum
 from xfrustum.scenes.representation import ShortRepr, digits
 
 #: rows (R, 1) and columns (1, C) of pixels of a picture

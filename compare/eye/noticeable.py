@@ -20,12 +20,10 @@ import numpy as np
 
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.scenes.arguments import real, settle
+from xfrustum.scenes.arguments import InputError, real, settle
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.plate import DoubleFrustum, Frustum, Offset, Pivot
 
 
 def replayed_distance(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> Floats:

@@ -31,11 +31,11 @@ from xfrustum.compare.rounding.causes import find_causes, misplaced_pixels, scat
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Indices, Mask
-from xfrustum.scenes.conformance.suite import Case
+from xfrustum.scenes.conformance_suite import Case
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 RADIANCE_TOLERANCE = 1e-4
 """Largest difference of a truth's mean radiance from the frozen mean radiance.

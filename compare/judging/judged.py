@@ -52,12 +52,11 @@ from xfrustum.compare.rounding.directions import DirectionPlate
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Mask, Singles
-from xfrustum.scenes.files.foreign_images import Transfer, stored_rgb
+from xfrustum.scenes.files.pictures import Transfer, stored_rgb
 from xfrustum.scenes.model.device_model import DeviceModel, safe_model
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, DepthFormat, DepthMapping
 from xfrustum.tolerances import TOLERANCE_PX
 
 # A foreign device is unknown unless its owner has measured it. A renderer with a near offset is

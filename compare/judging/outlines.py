@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from xfrustum.compare.metrics.error_maps import Spread, true_lines
 from xfrustum.compare.prediction.silhouettes import Kind, contours
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 # Largest displacement that is searched, along each axis: 17 by 17 displacements are tried.

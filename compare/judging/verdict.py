@@ -25,9 +25,8 @@ from xfrustum.compare.judging.judged import (
 )
 from xfrustum.compare.judging.where import Places, places_of
 from xfrustum.compare.renderer_model.drawn_model import EVEN, RendererModel
-from xfrustum.scenes.arguments import real
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.arguments import InputError, real
+from xfrustum.scenes.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"

@@ -14,9 +14,9 @@ from xfrustum.compare.judging.judged import COLOR_ONLY, Figures
 from xfrustum.compare.judging.outlines import steps_of
 from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.pictures import shows_something
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 DISTANCES_PX = (1.5, 4.5)
 """Upper ends of the distance ranges, px: pixels next to an outline, and its surroundings."""

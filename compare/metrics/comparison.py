@@ -10,9 +10,9 @@ import numpy as np
 from xfrustum.compare.metrics import error_maps
 from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, compare_radiance
 from xfrustum.reference import Reference
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.model.images import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.representation import NO_UNIT, SCENE_UNITS, Labelled, ShortRepr, dataset
 
 if TYPE_CHECKING:

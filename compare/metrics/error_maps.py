@@ -26,15 +26,9 @@ from xfrustum.compare.rounding.positions import (
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import RayBundle, places_off_center
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import (
-    NOTHING,
-    Certainty,
-    HogelCamera,
-    HogelImage,
-    SurfaceImage,
-)
+from xfrustum.scenes.model.images import NOTHING, Certainty, HogelCamera, HogelImage, SurfaceImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Cull
+from xfrustum.scenes.plate import Cull
 from xfrustum.scenes.representation import ShortRepr
 
 #: function that returns which points (N,) are occluded

@@ -25,13 +25,12 @@ from skimage.metrics import structural_similarity
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.reference.transport import PathTracer, RadianceEstimate
-from xfrustum.scenes.appearance.display import encoded
-from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
+from xfrustum.scenes.appearance import Transport, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask, Singles
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.representation import ShortRepr
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.representation import ShortRepr, encoded
 
 #: probability that a test of a whole picture fails although the picture is right
 ALPHA = 0.01

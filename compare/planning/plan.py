@@ -37,8 +37,14 @@ from xfrustum.compare.sampling import CONFIDENCE, RandomSample, sample_hogels, s
 from xfrustum.compare.scout import CoarseView, PlateScan
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Frustum
+from xfrustum.scenes.plate import (
+    Aperture,
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Frustum,
+)
 from xfrustum.tolerances import MAX_WRONG
 
 #: largest number of samples: a further sample is drawn only after one that disproved a plan

@@ -19,12 +19,10 @@ from xfrustum.compare.eye import noticeable
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.scout import PlateScan
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.scenes.arguments import real, settle
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError, real, settle
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.plate import DepthFormat, DepthMapping, DoubleFrustum, Frustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
 
 #: default separation of ordered sheets, share of the longest reach

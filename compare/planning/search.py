@@ -33,8 +33,7 @@ from xfrustum.compare.planning.views import Views
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, DepthRange
 from xfrustum.compare.scout import CoarseView, PlateScan
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.plate import Camera, DepthFormat, DepthMapping, DoubleFrustum, Frustum
 
 #: Factor within which predicted and measured smallest separations agree: predictions must order
 #: sheets that are this many times closer than required.

@@ -37,10 +37,9 @@ from xfrustum.reference.lines.lines import ExactCamera, model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import CAMERAS
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene, SceneObject
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
-from xfrustum.scenes.plate.plate import Aperture, Frustum
+from xfrustum.scenes.plate import Aperture, Camera, DoubleFrustum, Frustum, Offset
 
 #: Relative distance from a cut within which a surface counts on both of its sides: rounding moves
 #: the surfaces of a refined mesh by 1e-16 of their coordinates, and cuts have three digits.

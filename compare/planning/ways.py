@@ -21,15 +21,12 @@ import numpy as np
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arrays import Indices, Mask, Numbers
-from xfrustum.scenes.model.direction_image import DirectionImage
 from xfrustum.scenes.model.effects import CAMERAS, needed
-from xfrustum.scenes.model.hogel_image import NOTHING
-from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.images import NOTHING, DirectionImage, PlateContent
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate, PlateTile
+from xfrustum.scenes.plate import Aperture, DepthFormat, DoubleFrustum, Frustum, Plate, PlateTile
 
 #: Hogels along the longer side of two plates whose passes are timed: few, where vertices count, and
 #: many, where hogels do.

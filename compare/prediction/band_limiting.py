@@ -24,7 +24,7 @@ import numpy as np
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.model.visibility import DepthBin, Region, depth_bins
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 LEVEL = 1 / 255  #: one level of 8 bits, in radiance
 

@@ -6,16 +6,17 @@ from functools import lru_cache
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import (
+from xfrustum.scenes.model.images import HogelImage
+from xfrustum.scenes.plate import (
+    Aperture,
     Cull,
     DepthFormat,
     DepthMapping,
     DoubleFrustum,
     Fit,
+    Frustum,
     Pivot,
 )
-from xfrustum.scenes.plate.plate import Aperture, Frustum
 from xfrustum.scenes.representation import ShortRepr
 
 #: Change of each link; link k leads from image k to image k + 1 of the chain.

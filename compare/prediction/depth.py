@@ -24,15 +24,8 @@ from scipy.special import ndtr
 from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel, safe_model
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import (
-    Camera,
-    DepthFormat,
-    DepthMapping,
-    DoubleFrustum,
-    Offset,
-)
-from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.model.images import HogelImage
+from xfrustum.scenes.plate import Camera, DepthFormat, DepthMapping, DoubleFrustum, Frustum, Offset
 
 #: Largest share of wrong pixels at a separation that counts as resolved; equal to
 #: `tolerances.MAX_WRONG`.

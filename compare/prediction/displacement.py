@@ -17,9 +17,8 @@ from xfrustum.compare.metrics.error_maps import (
     root_mean_square,
 )
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.model.images import HogelCamera, HogelImage
+from xfrustum.scenes.plate import Camera, DoubleFrustum, Frustum, Offset, Pivot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,10 +21,9 @@ from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reference.shading.light import radiance_toward, smooth_normals
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Numbers
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
+from xfrustum.scenes.model.images import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Frustum
+from xfrustum.scenes.plate import Aperture, DoubleFrustum, Frustum
 
 
 def true_lines(position: NDArray[np.floating], aperture: Aperture) -> Floats:

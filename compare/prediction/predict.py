@@ -36,9 +36,9 @@ from xfrustum.compare.prediction.reasons import (
 from xfrustum.compare.prediction.silhouettes import Pair, Silhouettes, crease_pixels
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.visibility import crosses_plate
-from xfrustum.scenes.plate.double_frustum import (
+from xfrustum.scenes.plate import (
     Camera,
     Cull,
     DepthFormat,

@@ -43,10 +43,9 @@ from xfrustum.compare.prediction.displacement import (
 )
 from xfrustum.compare.rounding.positions import POSITION_TOLERANCE
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
-from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.plate import Camera, DoubleFrustum, Frustum, Offset
 
 Pair = tuple[float, float]  #: values for edges along rows, and for edges along columns
 

@@ -19,8 +19,7 @@ from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, offset_camera, pixel_places
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Fit, Pivot
-from xfrustum.scenes.plate.plate import Aperture, Frustum
+from xfrustum.scenes.plate import Aperture, Fit, Frustum, Pivot
 
 # Half of the resolution at which sampling points (0.1 px) and factors (0.1 %) are reported: smaller
 # deviations are not reported as defects.

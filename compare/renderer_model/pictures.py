@@ -32,11 +32,11 @@ from xfrustum.reference.lines.triangles import (
 from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Singles
-from xfrustum.scenes.files.foreign_images import is_picture
+from xfrustum.scenes.files.pictures import is_picture
 from xfrustum.scenes.model.effects import ALL_EFFECTS
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.model.images import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture, Frustum, Screen
+from xfrustum.scenes.plate import Aperture, Frustum, Screen
 
 COLOR_TOLERANCE = 2.3 / 255
 """Largest difference in linear radiance of two 8-bit pictures of one surface.

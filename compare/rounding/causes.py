@@ -41,7 +41,7 @@ from xfrustum.compare.rounding.edges import (
 from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles, RoundingCamera
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.representation import ShortRepr
 
 HEADINGS = ("edge", "order", "lost", "unexplained")

@@ -16,7 +16,7 @@ from xfrustum.compare.rounding.triangles import (
     Precision,
 )
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+from xfrustum.scenes.plate import DepthFormat, DepthMapping
 
 DEPTH_ROUNDINGS = 8
 """Roundings of 2^-24 in a depth that a shader computes from w, relative to the largest term."""

@@ -21,11 +21,9 @@ from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import TileLines
 from xfrustum.scenes.arrays import Indices, Numbers
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.model.direction_image import DirectionImage
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.images import NOTHING, DirectionImage, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
-from xfrustum.scenes.plate.plate import Frustum, Plate, PlateTile
+from xfrustum.scenes.plate import DepthFormat, DepthMapping, Frustum, Plate, PlateTile
 
 #: number of pixels that are explained together, each by its own camera
 PIXELS_AT_ONCE = 64

@@ -14,7 +14,7 @@ from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.compare.rounding.triangles import AFTER_NEXT, NEXT, FilmTriangles, PixelTriangles
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.plate.double_frustum import DepthMapping
+from xfrustum.scenes.plate import DepthMapping
 
 FAR_ROUNDINGS = 4
 """Roundings of 2^-24 w in w - z: two in z, one in w, one in the difference.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 POSITION_ROUNDINGS = 16

@@ -16,7 +16,7 @@ from xfrustum.reference.lines.lines import PixelLines, RayBundle
 from xfrustum.reference.lines.triangles import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+from xfrustum.scenes.plate import DepthFormat, DepthMapping
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,7 @@ import numpy as np
 from xfrustum.compare.selfcheck.rational import ExactRows
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.model.direction_image import DirectionImage
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.model.images import Certainty, DirectionImage, HogelImage
 
 MAX_LISTED = 5  #: largest number of disagreements of one image that are described one by one
 UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounding to a double

@@ -20,9 +20,8 @@ from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import PixelLines, TileLines
 from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.model.direction_image import DirectionImage
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.model.images import Certainty, DirectionImage, HogelImage
+from xfrustum.scenes.plate import PlateTile
 
 TILE = (5, 3)  #: largest numbers of columns and rows of hogels about an aperture
 

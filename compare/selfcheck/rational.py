@@ -16,7 +16,7 @@ import numpy as np
 
 from xfrustum.reference.lines.lines import LineGrid, RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 
 Integers = tuple[int, int, int]  #: three coordinates of a point or vector as integers
 Ratio = tuple[int, int]  #: numerator and positive denominator

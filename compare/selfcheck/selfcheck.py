@@ -25,7 +25,7 @@ from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import builtin, hard_cases
-from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.model.images import Certainty
 
 Compute = Callable[..., Iterator[ExactRows]]  #: map, here or in other processes
 MAX_TASK_PIXELS = 1 << 13

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from xfrustum import Reference, open_scene
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 
 # %%
 # Bars finer and coarser than an aperture can show, as one point of the aperture sees

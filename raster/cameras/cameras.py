@@ -19,16 +19,17 @@ from OpenGL import GL
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import (
+from xfrustum.scenes.plate import (
+    Aperture,
     Camera,
     Cull,
     DepthFormat,
     DepthMapping,
     DoubleFrustum,
+    Frustum,
     Offset,
     Pivot,
 )
-from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 #: OpenGL constant of each depth buffer format
 INTERNAL_FORMAT: dict[DepthFormat, int] = {

@@ -12,10 +12,10 @@ import math
 import numpy as np
 
 from xfrustum.raster.cameras.cameras import Pass
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import PlateTile, Screen
+from xfrustum.scenes.plate import PlateTile, Screen
 
 
 def window(tile: PlateTile) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -19,7 +19,7 @@ from OpenGL.EGL.EXT.device_query import eglQueryDeviceAttribEXT, eglQueryDeviceS
 from OpenGL.EGL.NV.device_cuda import EGL_CUDA_DEVICE_NV
 from OpenGL.platform.egl import EGLPlatform
 
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.model.scene import Scene
 
 #: OpenGL 4.5: the first version with clip control, which reversed depth needs for its precision

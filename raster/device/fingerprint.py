@@ -20,7 +20,7 @@ from OpenGL import GL
 from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
 from xfrustum.raster.device.targets import framebuffer, look_up_single_texels
 from xfrustum.scenes.arrays import Mask, Singles
-from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate import DepthFormat
 
 #: pixels along each side of the pictures
 SIZE = 64

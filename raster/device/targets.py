@@ -15,9 +15,9 @@ from OpenGL import GL
 from OpenGL.error import GLError
 
 from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate import DepthFormat
 
 #: Numbers of the color attachments. The identity is the triangle number + 1 and the number of the
 #: camera (uint); the color is linear radiance (float32).

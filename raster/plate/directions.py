@@ -28,14 +28,13 @@ from xfrustum.raster.plate.picture import (
 )
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import normals_of
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import CAMERAS, needed
-from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection
+from xfrustum.scenes.model.images import Channel, PlateContent, PlateDirection
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.plate import DepthFormat, DepthMapping, PlateTile
 
 Pixel = tuple[int, int]  #: column and row of a pixel of every hogel
 

@@ -19,21 +19,20 @@ from xfrustum.raster.plate.clusters import FORMATS, flat_attributes
 from xfrustum.raster.plate.picture import HOGEL, HOGELS_BINDING, hogel_block, many_defines
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import Rasterizer
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.direction_image import DirectionImage
 from xfrustum.scenes.model.effects import Effect, Question, needed
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.plate_content import (
+from xfrustum.scenes.model.images import (
     Channel,
     ColorType,
+    DirectionImage,
+    HogelImage,
     PlateContent,
     PlateDirection,
     PlateHogel,
 )
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, DoubleFrustum
 
 
 def averaged(

@@ -36,20 +36,13 @@ from xfrustum.raster.plate.picture import (
 )
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import normals_of
-from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.appearance import Sampling, sub_apertures
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Singles
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Question, needed
-from xfrustum.scenes.model.plate_content import (
-    Channel,
-    ColorType,
-    FilmPart,
-    PlateContent,
-    PlateHogel,
-)
+from xfrustum.scenes.model.images import Channel, ColorType, FilmPart, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, DoubleFrustum
 
 #: requested part of each film by column and row of the hogel
 FilmParts = Mapping[tuple[int, int], FilmPart]

@@ -18,8 +18,8 @@ from xfrustum.raster.device.targets import (
     look_up_single_texels,
 )
 from xfrustum.scenes.arrays import Numbers
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
-from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.model.images import ColorType, PlateContent
+from xfrustum.scenes.plate import DepthFormat
 
 _COLOR_FORMAT: dict[ColorType, int] = {
     ColorType.UINT8: GL.GL_RGBA8,

@@ -22,7 +22,7 @@ from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import Filter, Lines, Pairs, PencilLines
 from xfrustum.reference.lines.lines import PixelLines, RayBundle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.images import NOTHING, Certainty
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

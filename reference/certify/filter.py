@@ -45,7 +45,7 @@ from xfrustum.reference.certify.cone import (
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

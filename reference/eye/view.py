@@ -20,7 +20,7 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Beam, Eye, EyeImage, HogelPixels, Replay
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.images import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 
 #: column or row of a ray that meets no hogel or no film

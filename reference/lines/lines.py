@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import read_only
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.plate import Aperture, Frustum, PlateTile
+from xfrustum.scenes.plate import Aperture, Camera, DoubleFrustum, Frustum, Offset, Pivot, PlateTile
 
 Vector = tuple[float, float, float]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from xfrustum.reference.lines.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Numbers
-from xfrustum.scenes.plate.double_frustum import Cull
+from xfrustum.scenes.plate import Cull
 
 
 def cross_products(a: Floats, b: Floats) -> Floats:

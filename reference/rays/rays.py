@@ -37,7 +37,7 @@ from xfrustum.reference.rays.tree import build_tree
 from xfrustum.reference.rays.walk import BESIDE, Boxes, Rays
 from xfrustum.reference.tracers.embree import EmbreeMesh
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.images import NOTHING, Certainty
 
 #: number of rays of a batch; a ray takes some 300 bytes
 RAYS_AT_ONCE = 1 << 19

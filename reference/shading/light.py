@@ -31,7 +31,7 @@ from xfrustum.reference.backend import (
     table,
     vectors_on_device,
 )
-from xfrustum.scenes.appearance.appearance import Environment
+from xfrustum.scenes.appearance import Environment
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene

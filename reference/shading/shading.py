@@ -11,7 +11,7 @@ from xfrustum.reference.backend import Float64, dr, on_device, recording, vector
 from xfrustum.reference.shading.light import TERMS, LightModel
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.model.visibility import FAR_MARGIN
 

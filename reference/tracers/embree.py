@@ -14,7 +14,7 @@ from embreex.rtcore_scene import EmbreeScene
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 #: Rays of one call. Embree's binding traces a call on one thread and releases the interpreter lock:

@@ -9,7 +9,7 @@ from xfrustum.reference.llvm import mitsuba_backend, vector_backend
 from xfrustum.reference.memory import padded
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 #: rays of one call. This bounds the memory, some 100 bytes per ray.

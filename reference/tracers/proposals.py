@@ -13,7 +13,7 @@ from xfrustum.reference.lines.triangles import plane_places, triangle_normals
 from xfrustum.reference.pictures import pixel_directions
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.images import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import ShortRepr
 

@@ -26,7 +26,7 @@ from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 PLUGIN = "crossed_frustum"  #: the sensor's name in Mitsuba scenes
 DIFFUSE = "face_diffuse"  #: name of the mesh attribute with each triangle's diffuse color

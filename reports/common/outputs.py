@@ -21,8 +21,7 @@ from typing import Any, Self
 from tqdm import tqdm
 
 from xfrustum.interrupts import delayed
-from xfrustum.scenes import InputError
-from xfrustum.scenes.disk import durable
+from xfrustum.scenes import InputError, disk
 
 
 def json_ready(value: Any) -> Any:
@@ -79,7 +78,7 @@ class Staging:
     def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
         self.out, self.names = out, names
         self._place = Path(os.path.realpath(out))
-        self._aside: durable.TempPath | None = None
+        self._aside: disk.TempPath | None = None
 
     def __enter__(self) -> Self:
         # Create it next to the target, on the same file system, because otherwise renaming would
@@ -101,8 +100,8 @@ class Staging:
             for name in self.names:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")
             # The paths of a run that found no existing folder.
-            durable.remove_abandoned(self._place.parent)
-            self._aside = durable.TempPath(host, folder=True)
+            disk.remove_abandoned(self._place.parent)
+            self._aside = disk.TempPath(host, folder=True)
             # Set the permissions of new folders, because the temporary folder is private.
             self.folder = self._aside.path / "out"
             self.folder.mkdir()
@@ -121,11 +120,11 @@ class Staging:
             delayed(),
         ):
             files = sorted(self.folder.iterdir())
-            if not durable.put_folder(self.folder, self._place):
+            if not disk.put_folder(self.folder, self._place):
                 for file in files:
                     # An existing folder may contain other files: it is never replaced as a whole.
-                    durable.put(file, self._place / file.name)
-                durable.sync_folder(self._place)
+                    disk.put(file, self._place / file.name)
+                disk.sync_folder(self._place)
         return tuple(self.out / file.name for file in files)
 
     def __exit__(
@@ -170,14 +169,14 @@ def check_writable_file(path: Path, option: str = "--out") -> None:
     folder = Path(os.path.realpath(path)).parent
     with refused(f"{option} {path}: cannot write in {folder}", "choose another place"):
         _check_kind(path, f"{option} {path}")
-        with durable.TempPath(durable.scratch_folder() if durable.written_into(path) else folder):
+        with disk.TempPath(disk.scratch_folder() if disk.written_into(path) else folder):
             pass
 
 
 def write_output(path: Path, content: bytes, option: str = "--out") -> None:
     """Write the file that an option names, whole or not at all; InputError if that cannot be."""
     with refused(f"{option} {path}: cannot write"):
-        durable.write_file(path, content)
+        disk.write_file(path, content)
 
 
 @contextmanager
@@ -194,7 +193,7 @@ def refused(what: str, advice: str = "free some space or choose another place") 
 def _check_kind(path: Path, where: str, which: str = "") -> None:
     """Raise InputError for a name of a folder or of another kind that cannot be written."""
     try:
-        durable.written_into(path)
+        disk.written_into(path)
     except InputError as error:
         what = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{where}: {which + ' ' if which else ''}{what}") from error

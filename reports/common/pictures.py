@@ -26,8 +26,8 @@ from xfrustum.compare.rounding.positions import (
     largest_tolerance,
 )
 from xfrustum.scenes import HogelImage
-from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.representation import LEVELS, encoding_curve
 
 if TYPE_CHECKING:
     from xfrustum.compare.metrics.comparison import Comparison

@@ -24,13 +24,20 @@ from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object, refused
 from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.scenes import InputError, Scene, SceneObject
-from xfrustum.scenes.appearance.display import encoding_curve
-from xfrustum.scenes.appearance.sampling import sub_apertures
-from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
-from xfrustum.scenes.disk.durable import TempPath, new_file, scratch_folder
-from xfrustum.scenes.disk.input_files import damage_refused, open_input, read_arrays, read_member
+from xfrustum.scenes.appearance import sub_apertures
+from xfrustum.scenes.conformance_suite import SUITE, Case, suite_digest
+from xfrustum.scenes.disk import (
+    TempPath,
+    damage_refused,
+    new_file,
+    open_input,
+    read_arrays,
+    read_member,
+    scratch_folder,
+)
 from xfrustum.scenes.files.exr import write_planes
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
+from xfrustum.scenes.representation import encoding_curve
 
 #: description of an archive in error messages, and advice in them
 MESSAGE = "archive of a conformance suite", "xfrustum conformance export makes one"

@@ -28,11 +28,10 @@ from xfrustum.reports.conformance.cases import Truths, traced, write_case
 from xfrustum.reports.verification.sources import Problem, fields_of, run_program
 from xfrustum.scenes import NOTHING, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import check_program, real
-from xfrustum.scenes.conformance.suite import Case
-from xfrustum.scenes.disk.durable import TempPath, scratch_folder
-from xfrustum.scenes.disk.input_files import read_small
+from xfrustum.scenes.conformance_suite import Case
+from xfrustum.scenes.disk import TempPath, read_small, scratch_folder
 from xfrustum.scenes.files.exr import write_planes
-from xfrustum.scenes.files.foreign_images import Encoding, bytes_of, read_foreign
+from xfrustum.scenes.files.pictures import Encoding, bytes_of, read_foreign
 from xfrustum.scenes.model.device_model import DeviceModel
 
 #: file with the reason, in place of images

@@ -14,7 +14,7 @@ from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import json_object, write_files
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.conformance.run import CaseOutcome, Verdict
-from xfrustum.scenes.conformance.suite import LEVELS, SUITE, chosen, suite_digest
+from xfrustum.scenes.conformance_suite import LEVELS, SUITE, chosen, suite_digest
 
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
 #: largest number of failed cases in the terminal

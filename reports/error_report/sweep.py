@@ -44,11 +44,11 @@ from xfrustum.scenes import (
     Offset,
     Pivot,
 )
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import Effect, Question, chosen, needed
 from xfrustum.scenes.model.scene import Scene, is_shaded
-from xfrustum.scenes.plate.plate import Frustum
+from xfrustum.scenes.plate import Frustum
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 

@@ -26,12 +26,11 @@ from xfrustum.reports.plate.reader import checked_group, read_hogel, read_hogels
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Bytes, Numbers
-from xfrustum.scenes.disk.durable import TempPath
-from xfrustum.scenes.disk.input_files import check_allowed
+from xfrustum.scenes.disk import TempPath, check_allowed
 from xfrustum.scenes.files import layouts, plate_files
-from xfrustum.scenes.files.foreign_images import Encoding, Reading, bytes_of
+from xfrustum.scenes.files.pictures import Encoding, Reading, bytes_of
 from xfrustum.scenes.files.plate_files import PlateRows
-from xfrustum.scenes.model.plate_content import Channel, PlateContent
+from xfrustum.scenes.model.images import Channel, PlateContent
 
 #: layout name of Zarr groups, and suffix of their folders
 ZARR, ZARR_SUFFIX = "zarr", ".zarr"

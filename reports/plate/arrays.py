@@ -26,8 +26,8 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.scenes import NOTHING, Certainty, Frustum, InputError
-from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection, PlateHogel
-from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
+from xfrustum.scenes.model.images import Channel, PlateContent, PlateDirection, PlateHogel
+from xfrustum.scenes.plate import Aperture, ApertureBlocks, Plate
 
 #: Default largest size of a block's pixels, bytes before compression; each process that fills a
 #: shard has them in memory.

@@ -36,13 +36,12 @@ from xfrustum.reports.plate.plate import (
 )
 from xfrustum.reports.plate.store import open_store
 from xfrustum.scenes import InputError
-from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.disk.input_files import in_words
+from xfrustum.scenes.appearance import Sampling
+from xfrustum.scenes.disk import in_words
 from xfrustum.scenes.model.effects import needed
-from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection
+from xfrustum.scenes.model.images import Channel, PlateContent, PlateDirection
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.plate import DepthFormat, PlateTile
 
 #: default memory for the images of a tile, bytes
 MEMORY = 1 << 30

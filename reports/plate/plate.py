@@ -37,11 +37,11 @@ from xfrustum.reports.plate.arrays import (
 )
 from xfrustum.reports.plate.store import SOURCE, PlateStore, open_store
 from xfrustum.scenes import Certainty, DoubleFrustum, HogelImage, InputError
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
-from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateDirection, PlateHogel
+from xfrustum.scenes.model.images import Channel, PlateContent, PlateDirection, PlateHogel
 from xfrustum.scenes.model.scene import Scene, is_shaded, look_hash
-from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
+from xfrustum.scenes.plate import Aperture, ApertureBlocks, Plate
 
 Item = TypeVar("Item")
 

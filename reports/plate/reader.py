@@ -27,9 +27,8 @@ from xfrustum.reports.plate.arrays import (
 )
 from xfrustum.scenes import NOTHING, DoubleFrustum, Frustum, HogelCamera, InputError
 from xfrustum.scenes.arrays import Numbers
-from xfrustum.scenes.model.plate_content import Channel, PlateContent
-from xfrustum.scenes.plate.double_frustum import DepthFormat
-from xfrustum.scenes.plate.plate import Aperture, Plate, PlateTile
+from xfrustum.scenes.model.images import Channel, PlateContent
+from xfrustum.scenes.plate import Aperture, DepthFormat, Plate, PlateTile
 
 #: largest size of images that are read together, bytes
 MOST_BYTES = 1 << 28

@@ -42,8 +42,8 @@ from xfrustum.reports.plate.arrays import (
     shard_files,
 )
 from xfrustum.scenes import Aperture, InputError
-from xfrustum.scenes.disk.input_files import in_words
-from xfrustum.scenes.plate.plate import ApertureBlocks
+from xfrustum.scenes.disk import in_words
+from xfrustum.scenes.plate import ApertureBlocks
 
 SOURCE = "source"
 """Key of the path of a scene in a description; a continued plate may have another path."""

@@ -11,7 +11,7 @@ from xfrustum.reports.plate.directions import arrays_by_directions, no_direction
 from xfrustum.reports.plate.plate import PlateOptions
 from xfrustum.scenes import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate import DepthFormat
 
 #: depth format by directions unless another is chosen
 DEPTH = DepthFormat.D32F

@@ -25,7 +25,7 @@ from xfrustum.scenes.model.effects import (
     slab_contents,
 )
 from xfrustum.scenes.model.visibility import DepthBin, depth_bins
-from xfrustum.scenes.plate.double_frustum import Camera
+from xfrustum.scenes.plate import Camera
 from xfrustum.scenes.representation import counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 

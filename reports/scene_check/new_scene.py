@@ -17,13 +17,13 @@ from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.scene_check.sight import heights, length
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
-from xfrustum.scenes.disk.input_files import check_hogels
-from xfrustum.scenes.geometry.shapes import place as placed
-from xfrustum.scenes.geometry.shapes import placement
-from xfrustum.scenes.geometry.tessellation import load_patches
+from xfrustum.scenes.disk import check_hogels
 from xfrustum.scenes.meshes.mesh_file import load_mesh
+from xfrustum.scenes.meshes.tessellation import load_patches
 from xfrustum.scenes.model.scene import UnreadFeature
 from xfrustum.scenes.model.visibility import PLATE_ROUNDING, box, in_plate
+from xfrustum.scenes.shapes import place as placed
+from xfrustum.scenes.shapes import placement
 
 #: Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes.
 FOV_DEG, RESOLUTION = 60.0, 512

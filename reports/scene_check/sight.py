@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.model.visibility import (
     Point,
@@ -17,7 +17,7 @@ from xfrustum.scenes.model.visibility import (
     sees_any,
     share_in_reach,
 )
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 #: largest number of objects that one message names
 MAX_NAMED_OBJECTS = 3

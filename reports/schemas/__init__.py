@@ -2,7 +2,7 @@
 
 from importlib.resources import files
 
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
 
 
 def schema_names() -> list[str]:

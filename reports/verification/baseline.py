@@ -34,7 +34,7 @@ from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.words import text
 from xfrustum.scenes import InputError
-from xfrustum.scenes.disk.input_files import read_input
+from xfrustum.scenes.disk import read_input
 from xfrustum.scenes.representation import counted
 
 ACCEPTED, OPTION = "accepted", "--baseline"

@@ -51,8 +51,7 @@ from xfrustum.reports.verification.sources import (
 from xfrustum.reports.verification.verdict import MAX_SHOWN_HOGELS, Pictured, Verification, badness
 from xfrustum.reports.verification.verification import Question, Run, with_tested_diagnosis
 from xfrustum.scenes import InputError, Scene
-from xfrustum.scenes.disk.durable import TempPath, scratch_folder
-from xfrustum.scenes.disk.input_files import damage_refused
+from xfrustum.scenes.disk import TempPath, damage_refused, scratch_folder
 
 PARTS, QUESTION = "verification.parquet", "_question.json"
 """Folder of the parts, and file of the question; Parquet readers skip names with `_`."""

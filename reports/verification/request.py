@@ -17,9 +17,9 @@ from xfrustum.compare.truths import TruthBy, chosen_order
 from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.scenes import HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import choice, real, wholes
-from xfrustum.scenes.files.foreign_images import Encoding
+from xfrustum.scenes.files.pictures import Encoding
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 #: a renderer in Python

@@ -31,9 +31,9 @@ from xfrustum.reports.plate.reader import checked_group, direction_plate
 from xfrustum.reports.verification.request import Renderer, Request
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arguments import check_program
-from xfrustum.scenes.disk.durable import TempPath, scratch_folder
-from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
+from xfrustum.scenes.disk import TempPath, scratch_folder
 from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
+from xfrustum.scenes.files.pictures import Encoding, StoredPixels, of_stored, read_foreign
 from xfrustum.scenes.files.plate_files import FileSet, find_files
 from xfrustum.scenes.representation import counted
 

@@ -36,9 +36,8 @@ from xfrustum.reports.notebook import Figure, NotebookRepr
 from xfrustum.reports.parts import parquet_bytes
 from xfrustum.reports.verification import words
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, Scene
-from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.representation import plain
+from xfrustum.scenes.representation import LEVELS, encoding_curve, plain
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
 #: name of the file with a row for each hogel of a sample

@@ -37,7 +37,7 @@ from xfrustum.reports.verification.request import Renderer, Request, VerifyOptio
 from xfrustum.reports.verification.sources import Problem, Source, opened
 from xfrustum.reports.verification.verdict import Verification, WorstHogels
 from xfrustum.scenes import HogelImage, Scene, open_scene
-from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
+from xfrustum.scenes.plate import Aperture, ApertureBlocks
 
 Item = TypeVar("Item")
 #: figures of a hogel as delivered, and as corrected

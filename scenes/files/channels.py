@@ -13,8 +13,8 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.errors import InputError
 
 POSITION = ("P.X", "P.Y", "P.Z")
 NORMAL = ("N.X", "N.Y", "N.Z")

@@ -23,8 +23,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from xfrustum.scenes import NOTHING, HogelCamera, HogelImage, InputError
 from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
-from xfrustum.scenes.disk.durable import new_file
-from xfrustum.scenes.disk.input_files import check_declared, head_of
+from xfrustum.scenes.disk import check_declared, head_of, new_file
 from xfrustum.scenes.files.channels import (
     ANY_ID,
     CERTAINTY,
@@ -45,7 +44,7 @@ from xfrustum.scenes.files.channels import (
     uncertainty,
 )
 from xfrustum.scenes.model.eye import Eye, EyeImage
-from xfrustum.scenes.model.hogel_image import Rendering
+from xfrustum.scenes.model.images import Rendering
 
 Described = TypeVar("Described")
 Planes = Mapping[str, NDArray[Any]]  # channels (H, W) by name, each with its own type

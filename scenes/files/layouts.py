@@ -15,9 +15,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xfrustum.scenes.arguments import settle, wholes
-from xfrustum.scenes.disk.input_files import check_hogels
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError, settle, wholes
+from xfrustum.scenes.disk import check_hogels
 
 Pixels = NDArray[Any]  # samples in the type of their files: uint8, float16 or float32
 Index = tuple[int, ...]  # numbers in the name of a file

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.scenes.disk.input_files import read_small
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
+from xfrustum.scenes.disk import read_small
 from xfrustum.scenes.files.layouts import (
     LAYOUTS,
     PICTURE_SUFFIXES,

@@ -20,16 +20,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from xfrustum.scenes import Frustum, InputError, Plate, Screen
-from xfrustum.scenes.appearance import appearance
-from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
-from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.geometry import SHAPE_NAMES
+from xfrustum.scenes import Frustum, InputError, Plate, Screen, appearance, disk
+from xfrustum.scenes.appearance import MAX_SAMPLES, Sampling, Transport
 
 if TYPE_CHECKING:
     from xfrustum.scenes import Scene, SceneObject
 
 Location = tuple[int | str, ...]
+
+#: Names of `shapes.SHAPES`, as messages list them: checked before NumPy is loaded.
+SHAPE_NAMES = ("box", "square", "sphere", "cylinder", "cone", "torus")
 
 MAX_KEY_PARTS = 16
 """Largest number of parts of a dotted key; keys of scene files have at most three.
@@ -186,7 +186,7 @@ def read_scene(path: Path) -> Scene:
 def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     """Return the tables of a scene file, its plate and its frustum, without reading meshes."""
     try:
-        content = input_files.read_small(path, "scene file", input_files.SCENE_FILE_SIZE)
+        content = disk.read_small(path, "scene file", disk.SCENE_FILE_SIZE)
         text = content.decode(
             "utf-8-sig"
         )  # editors of some systems begin a file with a byte-order mark
@@ -212,7 +212,7 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     try:
         file = _SceneTables.model_validate(tables)
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
-        input_files.check_hogels(*plate.hogels)
+        disk.check_hogels(*plate.hogels)
         screen, fov_deg = file.frustum.screen, file.frustum.fov_deg
         frustum = Frustum(
             resolution=file.frustum.resolution,
@@ -234,11 +234,11 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
             )
         if entry.mesh is not None:
             with named(path, f"object[{index}].mesh"):
-                input_files.check_mesh_file(path.parent / entry.mesh)
+                disk.check_mesh_file(path.parent / entry.mesh)
     if file.environment is not None:
         with named(path, "environment.map"):
             advice = "its path is relative to the scene file"
-            input_files.regular_size(path.parent / file.environment.map, "environment map", advice)
+            disk.regular_size(path.parent / file.environment.map, "environment map", advice)
     return file, plate, frustum
 
 
@@ -299,7 +299,7 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
     import numpy as np  # noqa: PLC0415 - scene files are checked without it
 
-    from xfrustum.scenes.geometry import shapes  # noqa: PLC0415 - likewise
+    from xfrustum.scenes import shapes  # noqa: PLC0415 - likewise
 
     if entry.transform is not None:
         matrix = np.array(entry.transform, dtype=np.float64)
@@ -327,7 +327,7 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             part = shapes.build_shape(str(entry.shape), material=entry.material)
         elif entry.is_patches:
             # Loads SciPy's graphs.
-            from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415
+            from xfrustum.scenes.meshes.tessellation import load_patches  # noqa: PLC0415
 
             # The tolerance is a length in the scene. Divide it by the largest scale factor to get a
             # length in the mesh.

@@ -1,7 +1,6 @@
 """Built-in scenes, the same on every machine.
 
-builtin     Catalogue of the built-in scenes
-car         A car of about 42,000 triangles: plain, and in a studio
-hard_cases Scenes on which renderers of crossed frusta fail
-targets     Objects for orientation, depth order, clipping, reflection, and bars
+* builtin: catalogue of the built-in scenes, and scenes opened by name or path
+* hard_cases: scenes on which renderers of crossed frusta fail
+* objects: a car of about 42,000 triangles, and targets that reveal errors
 """

@@ -11,17 +11,9 @@ from numpy.typing import ArrayLike
 
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.geometry.shapes import (
-    as_object,
-    build_shape,
-    grid_faces,
-    place,
-    placement,
-    triangulate,
-)
 from xfrustum.scenes.library.builtin import BuiltinScene
-from xfrustum.scenes.library.car import car
-from xfrustum.scenes.library.targets import asymmetric
+from xfrustum.scenes.library.objects import asymmetric, car
+from xfrustum.scenes.shapes import as_object, build_shape, grid_faces, place, placement, triangulate
 
 Objects = tuple[SceneObject, ...]
 REACH = 128.0  #: reach on both sides, in millimeters

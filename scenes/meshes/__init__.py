@@ -5,8 +5,9 @@ content         Result of a reader: parts, unread features, textures; placing of
 gltf            glTF: nodes, instances, morph targets and skins at rest, base colors
 gltf_data       Document, buffers and accessors of a glTF file
 obj             Wavefront OBJ and its material libraries
-off, ply, stl   OFF, PLY and STL
+ply_off_stl     PLY, OFF and STL: lists of vertices and polygons
 packages        3MF and 3DXML: zip packages of XML parts, and placing of their objects
 polygons        Polygons cut into triangles
+tessellation    Bezier patches of `.bpt` files, tessellated without cracks
 text_lines      Lines of a text as arrays of numbers; errors name the line
 """

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from trimesh.visual.color import srgb_to_linear
 
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
-from xfrustum.scenes.disk.input_files import check_picture_size, open_image, read_input
-from xfrustum.scenes.geometry.shapes import cofactors
+from xfrustum.scenes.disk import check_picture_size, open_image, read_input
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
+from xfrustum.scenes.shapes import cofactors
 
 #: Errors that Pillow's plugins raise for damaged files and for variants without a decoder.
 _DAMAGED = (

@@ -18,10 +18,8 @@ from urllib.parse import unquote
 import numpy as np
 from trimesh.transformations import quaternion_matrix
 
-from xfrustum.scenes import InputError
+from xfrustum.scenes import InputError, disk
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.geometry.shapes import cofactors
 from xfrustum.scenes.meshes.content import (
     MeshContent,
     MeshPart,
@@ -40,6 +38,7 @@ from xfrustum.scenes.meshes.gltf_data import (
     open_gltf,
 )
 from xfrustum.scenes.model.scene import UnreadFeature
+from xfrustum.scenes.shapes import cofactors
 
 _TRIANGLES, _STRIP = 4, 5
 _REPEAT = 10497  # wrap mode of samplers
@@ -241,7 +240,7 @@ def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
         for (_, mesh), count in zip(placed, counts, strict=True)
     )
     what = f"{len(placed):,} nodes with {sum(counts):,} instances of meshes"
-    input_files.check_declared(gltf.path, total, what)
+    disk.check_declared(gltf.path, total, what)
 
 
 def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:

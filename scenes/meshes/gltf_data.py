@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from pydantic import AliasPath, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 
-from xfrustum.scenes import InputError
+from xfrustum.scenes import InputError, disk
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.meshes.content import file_beside
 
 #: First word of a binary file, and types of its chunks.
@@ -308,7 +307,7 @@ class Gltf:
         if accessor.buffer_view is not None:
             values = self._elements(accessor.buffer_view, accessor.byte_offset, kind, shape)
         elif sparse is not None:  # most elements of a sparse accessor have no bytes in the file
-            input_files.check_declared(self.path, 24 * accessor.count * width, f"accessor {index}")
+            disk.check_declared(self.path, 24 * accessor.count * width, f"accessor {index}")
             values = np.zeros(shape, kind)
         else:
             raise self.error(f"accessor {index} has no data")
@@ -401,8 +400,8 @@ class Gltf:
             file = file_beside(self.path, unquote(uri))
             if file is None:
                 raise self.error(f"there is no file {uri[:100]} in its folder")
-            size = input_files.regular_size(file, "buffer of a mesh")
-            return input_files.head_of(file, "buffer of a mesh", min(largest, size))
+            size = disk.regular_size(file, "buffer of a mesh")
+            return disk.head_of(file, "buffer of a mesh", min(largest, size))
         head, _, text = uri.partition(",")
         data = unquote_to_bytes(text) if "%" in text else text.encode()
         try:
@@ -413,7 +412,7 @@ class Gltf:
 
 def open_gltf(path: Path) -> Gltf:
     """Read the document of a .gltf or .glb file; InputError if it is not glTF 2."""
-    data = memoryview(input_files.read_input(path, "mesh file"))
+    data = memoryview(disk.read_input(path, "mesh file"))
     text, binary = data, None
     if len(data) >= 12 and struct.unpack_from("<I", data)[0] == _MAGIC:
         text, binary = _chunks(path, data)
@@ -421,7 +420,7 @@ def open_gltf(path: Path) -> Gltf:
     # pydantic keeps all objects in memory at once. Braces estimate their number; braces in strings
     # only raise it.
     objects = document.count(b"{")
-    input_files.check_declared(path, objects * _MEMORY_PER_OBJECT, f"{objects:,} objects of JSON")
+    disk.check_declared(path, objects * _MEMORY_PER_OBJECT, f"{objects:,} objects of JSON")
     try:
         gltf = Gltf(path, Tree.model_validate_json(document), binary)
     except ValidationError as error:

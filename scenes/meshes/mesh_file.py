@@ -11,19 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes import InputError, SceneObject, disk
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk import input_files
-from xfrustum.scenes.geometry.shapes import has_area
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, decode_textures
 from xfrustum.scenes.meshes.gltf import read_gltf
 from xfrustum.scenes.meshes.obj import read_obj
-from xfrustum.scenes.meshes.off import read_off
 from xfrustum.scenes.meshes.packages import read_3dxml, read_3mf
-from xfrustum.scenes.meshes.ply import read_ply
-from xfrustum.scenes.meshes.stl import read_stl
+from xfrustum.scenes.meshes.ply_off_stl import read_off, read_ply, read_stl
 from xfrustum.scenes.model.scene import UNTEXTURED, UnreadFeature
 from xfrustum.scenes.representation import counted
+from xfrustum.scenes.shapes import has_area
 
 #: Readers by suffix.
 _READERS: dict[str, Callable[[Path], MeshContent]] = {
@@ -58,8 +55,8 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     an atlas, in which textures cannot repeat. Raises InputError if the file is missing, of another
     type, damaged, without triangles, or has geometry that the reader does not support.
     """
-    input_files.check_mesh_file(path)
-    with input_files.bounded_memory(path):
+    disk.check_mesh_file(path)
+    with disk.bounded_memory(path):
         content = _reader(path)(path)
         parts = content.parts
         if not parts:

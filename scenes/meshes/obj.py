@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.visual.texture import unmerge_faces
 
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.disk.input_files import read_input
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.disk import read_input
 from xfrustum.scenes.meshes.content import (
     MeshContent,
     MeshPart,

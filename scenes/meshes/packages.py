@@ -19,9 +19,9 @@ from xml.etree.ElementTree import Element, iterparse
 import numpy as np
 from trimesh.util import triangle_fans_to_faces, triangle_strips_to_faces
 
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.disk.input_files import check_declared, damage_refused, read_input, read_member
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.disk import check_declared, damage_refused, read_input, read_member
 from xfrustum.scenes.meshes.content import MeshContent, MeshPart, carried, unit_normals
 from xfrustum.scenes.model.scene import UnreadFeature
 

@@ -16,8 +16,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.errors import InputError
 
 #: Largest number of corners of a polygon that the fan does not cut; the time grows as their square.
 MAX_CONCAVE_CORNERS = 4_000

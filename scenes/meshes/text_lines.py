@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Indices, Mask
-from xfrustum.scenes.errors import InputError
 
 _SPACE = ord(" ")  #: bytes up to this value are white space
 _LINE_FEED = ord("\n")

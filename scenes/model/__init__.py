@@ -1,10 +1,9 @@
-"""Scenes, hogel images, and the devices and eyes for which they are drawn.
+"""Scenes, images, and the devices and eyes for which they are drawn.
 
-device_model Measured rounding of drawing devices
-effects        Effects of light and geometry that a scene needs, with reasons
-eye Eye in front of the plate, and the pixels of hogels in its view
-hogel_image    The image of one aperture, the result of every renderer
-plate_content  A plate as a stream of hogels: requested images, and the arrays of each hogel
-scene          A scene in scene coordinates: immutable and validated
-visibility Surfaces that may be visible from apertures, ignoring occlusion
+device_model  Measured rounding of drawing devices
+effects       Effects of light and geometry that a scene needs, with reasons
+eye           Eye in front of the plate, and the pixels of hogels in its view
+images        Images of a hogel, by direction, and of a plate as a stream of hogels
+scene         A scene in scene coordinates: immutable and validated
+visibility    Surfaces that may be visible from apertures, ignoring occlusion
 """

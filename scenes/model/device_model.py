@@ -15,9 +15,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
-from xfrustum.scenes.disk.input_files import read_small
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.arguments import InputError
+from xfrustum.scenes.disk import read_small
+from xfrustum.scenes.plate import DepthFormat
 
 Range = tuple[FiniteFloat, FiniteFloat]
 """Lowest and highest difference of a stored value from the exact value, steps of a format."""

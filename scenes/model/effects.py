@@ -13,14 +13,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from xfrustum.scenes.appearance.appearance import Material
-from xfrustum.scenes.arguments import choice
+from xfrustum.scenes.appearance import Material
+from xfrustum.scenes.arguments import InputError, choice
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.model.visibility import Region
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, Camera, DoubleFrustum
 
 
 class Effect(StrEnum):

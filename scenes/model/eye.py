@@ -6,11 +6,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from xfrustum.scenes.appearance.sampling import additive_recurrence
-from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
+from xfrustum.scenes.appearance import additive_recurrence
+from xfrustum.scenes.arguments import InputError, choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
+from xfrustum.scenes.model.images import NOTHING, Labels, SurfaceImage
 from xfrustum.scenes.representation import Labelled, ShortRepr
 
 #: Default resolution of an eye's film, and its largest number of pixels, about 100 bytes each.

@@ -13,12 +13,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, Appearance, Material
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.arguments import one_of, settle
+from xfrustum.scenes.appearance import DEFAULT_LIGHT, Appearance, Material, Sampling, Transport
+from xfrustum.scenes.arguments import InputError, one_of, settle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
+from xfrustum.scenes.plate import Aperture, Frustum, Plate
 from xfrustum.scenes.representation import ShortRepr
 
 #: Bounds of the lengths of plate, reach and screen, and of the largest coordinate. Products of two

@@ -16,10 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.geometry.shapes import has_area
 from xfrustum.scenes.model.scene import Scene, SceneObject
-from xfrustum.scenes.plate.double_frustum import DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
+from xfrustum.scenes.plate import Aperture, DepthMapping, DoubleFrustum, Frustum, Plate
+from xfrustum.scenes.shapes import has_area
 
 Point = tuple[float, float, float]
 Interval = tuple[float, float]

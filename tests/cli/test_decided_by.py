@@ -12,7 +12,7 @@ from tests.support.views import view
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.alone import Decision, PlainReference, open_reference
 from xfrustum.scenes import Certainty, Cull, DoubleFrustum, HogelImage, InputError, open_scene
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.files.exr import read_image
 
 HARD = "hard/nearly-coincident"

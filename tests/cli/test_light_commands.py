@@ -13,10 +13,10 @@ from tests.support.commands import Command
 from tests.support.scene_file import film, named, part
 from xfrustum.reference import Reference
 from xfrustum.scenes import open_scene
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.appearance import Sampling, Transport
 from xfrustum.scenes.files.exr import read_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.hogel_image import Rendering
+from xfrustum.scenes.model.images import Rendering
 
 MATERIAL = """
 [material.shiny]

@@ -20,7 +20,7 @@ from xfrustum.compare.scout import (
 )
 from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene
-from xfrustum.scenes.appearance.appearance import Material
+from xfrustum.scenes.appearance import Material
 
 RADIUS, GAP = 3.0, 0.25  #: radius of a ball, and distance of its surface behind the plate
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from xfrustum.reports.conformance.run import CaseRenderer, RunOptions, Verdict, agreed, judge_case
-from xfrustum.scenes.conformance.suite import chosen
+from xfrustum.scenes.conformance_suite import chosen
 
 TRIED = {
     "L0": (

@@ -34,11 +34,11 @@ from xfrustum.reports.conformance.run import (
     write_hogel,
 )
 from xfrustum.reports.conformance.statement import FILES, Statement, junit_case, write_statement
-from xfrustum.scenes.appearance.appearance import Appearance, Material
-from xfrustum.scenes.conformance.suite import LEVELS, SUITE, Case, cases, chosen
-from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
+from xfrustum.scenes.appearance import Appearance, Material
+from xfrustum.scenes.conformance_suite import LEVELS, SUITE, Case, cases, chosen
+from xfrustum.scenes.files.pictures import Encoding, StoredPixels, of_stored
 from xfrustum.scenes.model.device_model import LLVMPIPE
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 FEW = ("L0-both-sides", "L0-order", "L0-placed")

@@ -32,7 +32,7 @@ def read_picture(scene: str, picture: Path) -> None:
     """Read a foreign renderer's picture of the middle aperture, as `verify` does."""
     from xfrustum.reference import Reference
     from xfrustum.scenes import open_scene
-    from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
+    from xfrustum.scenes.files.pictures import Encoding, read_foreign
 
     opened = open_scene(scene)
     camera = Reference(opened).camera(opened.plate.middle)
@@ -45,7 +45,7 @@ def read_picture(scene: str, picture: Path) -> None:
 def read_parts(out: Path) -> None:
     """Read the complete parts of a survey, as the command does to resume it."""
     from xfrustum.reports.parts import DESCRIPTION, ParquetParts
-    from xfrustum.scenes.disk.input_files import read_small
+    from xfrustum.scenes.disk import read_small
 
     parts = ParquetParts(out=out, name="survey.parquet")
     described = read_small(parts.folder / DESCRIPTION, "description", 1 << 20)
@@ -74,7 +74,7 @@ def read_device(path: Path) -> None:
 def read_archive(path: Path, name: str) -> None:
     """Read the truths of a case from an archive, as `conformance judge --truth` does."""
     from xfrustum.reports.conformance.cases import Archive
-    from xfrustum.scenes.conformance.suite import chosen
+    from xfrustum.scenes.conformance_suite import chosen
 
     (case,) = chosen(names=(name,))
     click.echo(str(len(Archive(path=path)(case, case.open()))))

@@ -39,8 +39,8 @@ from xfrustum.reports.displays import DISPLAYED, display, first_png, html
 from xfrustum.reports.heat_map import auto_apertures
 from xfrustum.reports.notebook import MAX_SIDE_PX, Figure, NotebookRepr, png
 from xfrustum.scenes import Plate
-from xfrustum.scenes.appearance.display import encoded
-from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
+from xfrustum.scenes.files.pictures import Encoding, StoredPixels, of_stored
+from xfrustum.scenes.representation import encoded
 
 SETTINGS = DoubleFrustum(near=2.0)
 MAX_LINE = 420  # characters: two or three lines of a wide page

@@ -16,7 +16,7 @@ from tests.support.views import reversed_d32f
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Frustum, HogelImage, InputError, Plate, Scene, Screen
-from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.appearance import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Singles
 
 RESOLUTION = (48, 36)

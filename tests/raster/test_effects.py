@@ -17,11 +17,10 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, Pivot, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import DirectionalLight, Environment, Material, Sampling
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.images import ColorType, PlateContent
 
 #: Effects that only the ball needs
 MIRRORED = frozenset(

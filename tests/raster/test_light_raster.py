@@ -28,7 +28,7 @@ from xfrustum.scenes import (
     Plate,
     Scene,
 )
-from xfrustum.scenes.appearance.appearance import Material
+from xfrustum.scenes.appearance import Material
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 

@@ -14,7 +14,7 @@ from xfrustum.raster.device.context import open_context
 from xfrustum.raster.rasterizer import largest_image
 from xfrustum.reports.trace import FILE_BYTES, forecast
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.appearance import Sampling, Transport
 
 
 def on_film(width: int, height: int) -> Scene:

@@ -33,7 +33,7 @@ from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import Filter, PencilLines
 from xfrustum.reference.lines.lines import TileLines, crossed_frustum
 from xfrustum.scenes import open_scene
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.plate import PlateTile
 
 assert backend.ARRAYS == "cuda"
 if "plain" in sys.argv:  # without the remedy

@@ -14,10 +14,10 @@ from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.directions import ExactGrid
 from xfrustum.reference.lines.lines import PixelLines, TileLines
 from xfrustum.scenes import Frustum, HogelImage, InputError, Plate, Scene, Screen, open_scene
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.library import builtin, hard_cases
-from xfrustum.scenes.model.direction_image import DirectionImage
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.model.images import DirectionImage
+from xfrustum.scenes.plate import PlateTile
 
 CHANNELS = ("triangle", "position", "normal", "color", "certainty")
 

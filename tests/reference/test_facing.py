@@ -10,7 +10,7 @@ from tests.support.views import at
 from xfrustum.reference.lines.lines import RayBundle, model_cameras
 from xfrustum.reference.lines.triangles import drawn_triangles, facing
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum
-from xfrustum.scenes.plate.double_frustum import Cull
+from xfrustum.scenes.plate import Cull
 
 CORNERS = st.tuples(EIGHTHS, EIGHTHS, EIGHTHS)
 NARROW = Frustum(resolution=(8, 8), reach=(12.0, 12.0), fov=(1.0, 1.0))

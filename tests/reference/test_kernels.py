@@ -15,7 +15,7 @@ from xfrustum.reference.backend import constants, dr, on_device, recording, vect
 from xfrustum.reference.shading import light
 from xfrustum.reference.shading.light import Surroundings, Textures, radiance_toward
 from xfrustum.scenes import HogelImage
-from xfrustum.scenes.appearance.appearance import Environment
+from xfrustum.scenes.appearance import Environment
 
 
 def assert_same_truth(item: HogelImage, other: HogelImage) -> None:

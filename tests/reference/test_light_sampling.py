@@ -16,8 +16,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.averages import BOX_SIDE
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.appearance.appearance import Material
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Material, Sampling
 from xfrustum.scenes.arrays import Floats, Singles
 
 MIDDLE = PLATE.middle

@@ -10,7 +10,7 @@ from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.plate import Fit, Offset, Pivot
 
 SCREENS = [
     Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0)),

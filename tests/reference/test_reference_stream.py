@@ -10,9 +10,9 @@ from tests.support.images import assert_same
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.model.effects import needed
-from xfrustum.scenes.model.hogel_image import Rendering
+from xfrustum.scenes.model.images import Rendering
 
 APERTURES = [(40, 30), (0, 0)]
 

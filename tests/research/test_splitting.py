@@ -37,7 +37,7 @@ from xfrustum.research.splitting import (
 )
 from xfrustum.research.sweep import StudyFiles, read_rows
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping
-from xfrustum.scenes.plate.double_frustum import Offset, Pivot
+from xfrustum.scenes.plate import Offset, Pivot
 from xfrustum.tolerances import TOLERANCE_PX
 
 D16 = (DepthFormat.D16, DepthMapping.STANDARD)

@@ -24,9 +24,8 @@ from xfrustum.scenes import (
     Plate,
     Scene,
 )
-from xfrustum.scenes.model.hogel_image import NOTHING
-from xfrustum.scenes.plate.double_frustum import Fit, Pivot
-from xfrustum.scenes.plate.plate import Screen
+from xfrustum.scenes.model.images import NOTHING
+from xfrustum.scenes.plate import Fit, Pivot, Screen
 
 INVISIBLE = 1e-5
 """Near offset, share of the reach, too small to displace pixels of these scenes noticeably."""

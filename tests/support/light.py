@@ -13,12 +13,7 @@ import numpy as np
 from tests.support.views import lines_by_definition, view
 from xfrustum.raster.device.context import describe, open_context
 from xfrustum.scenes import HogelImage, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import (
-    Appearance,
-    DirectionalLight,
-    Environment,
-    Material,
-)
+from xfrustum.scenes.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.device_model import DeviceModel, model_of
 

@@ -8,15 +8,9 @@ from numpy.typing import ArrayLike
 
 from tests.support.views import lines_by_definition
 from xfrustum.scenes import Aperture, Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import (
-    Appearance,
-    DirectionalLight,
-    Environment,
-    Material,
-)
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Appearance, DirectionalLight, Environment, Material, Sampling
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.plate.plate import Screen
+from xfrustum.scenes.plate import Screen
 
 FLOAT32 = 2.0**-24
 """Largest relative rounding of a color to float32."""

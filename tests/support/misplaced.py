@@ -9,7 +9,7 @@ from xfrustum.compare.attribution.budget import drawing_cameras
 from xfrustum.compare.rounding.causes import misplaced_pixels
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 

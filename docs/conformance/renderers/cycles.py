@@ -15,7 +15,7 @@ import numpy as np
 from lines import check_float32, check_numbers, lines
 
 from xfrustum.reports.exchange.cameras import write_cameras
-from xfrustum.scenes.conformance.suite import chosen
+from xfrustum.scenes.conformance_suite import chosen
 
 
 def main() -> None:

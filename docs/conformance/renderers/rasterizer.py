@@ -17,7 +17,7 @@ import numpy as np
 from lines import check_two_cameras
 
 from xfrustum import DepthFormat, DepthMapping, DoubleFrustum, Rasterizer
-from xfrustum.scenes.conformance.suite import chosen
+from xfrustum.scenes.conformance_suite import chosen
 
 
 @lru_cache(maxsize=1)

@@ -122,13 +122,13 @@ def cli(
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     elif max_input_memory is not None or max_hogels is not None:
-        from xfrustum.scenes.disk import input_files
+        from xfrustum.scenes import disk
 
         if max_input_memory is not None:
             # Limits end with the command: programs may call commands in one process.
-            context.with_resource(input_files.input_memory(max_input_memory))
+            context.with_resource(disk.input_memory(max_input_memory))
         if max_hogels is not None:
-            context.with_resource(input_files.largest_plate(max_hogels))
+            context.with_resource(disk.largest_plate(max_hogels))
 
 
 @cli.command(hidden=True)

@@ -9,13 +9,12 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.options import Asked, flag, option, present
-from xfrustum.scenes.appearance.sampling import MAX_SAMPLES
+from xfrustum.scenes.appearance import MAX_SAMPLES
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.effects import Effect
     from xfrustum.scenes.model.scene import Scene
-    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-    from xfrustum.scenes.plate.plate import Aperture
+    from xfrustum.scenes.plate import Aperture, DoubleFrustum
 
 _SAMPLES = click.IntRange(1, MAX_SAMPLES)
 
@@ -103,7 +102,7 @@ class Light(Asked):
     ) -> frozenset[Effect]:
         """Return the effects of images at some apertures (None: all), drawn or traced."""
         from xfrustum.scenes.model.effects import Question, chosen
-        from xfrustum.scenes.plate.double_frustum import Camera
+        from xfrustum.scenes.plate import Camera
 
         # Effects of surfaces that this drawing cannot show are left out.
         camera, settings = (Camera.BOTH, ()) if drawn is None else (drawn.camera, (drawn,))

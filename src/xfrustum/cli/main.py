@@ -107,7 +107,7 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     import click
 
     # Look up the class instead of importing it: if it is not loaded, nothing has raised it.
-    errors = sys.modules.get("xfrustum.scenes.errors")
+    errors = sys.modules.get("xfrustum.scenes.arguments")
     if isinstance(error, click.ClickException):
         say(f"error: {error.format_message()}")
     elif errors is not None and isinstance(error, errors.InputError):

@@ -23,7 +23,7 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit
+from xfrustum.scenes.plate import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit
 from xfrustum.terminal import printable, say
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from xfrustum.reports.blocks import Engine
     from xfrustum.scenes.model.device_model import DeviceModel
     from xfrustum.scenes.model.scene import Scene
-    from xfrustum.scenes.plate.plate import Aperture
+    from xfrustum.scenes.plate import Aperture
 
 T = TypeVar("T")
 S = TypeVar("S", bound=str)
@@ -595,7 +595,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
     another aperture of the plate shows something, and in hard cases.
     """
     from xfrustum.reports.scene_check import sight
-    from xfrustum.scenes.errors import InputError
+    from xfrustum.scenes.arguments import InputError
     from xfrustum.scenes.library import hard_cases
 
     unseen = sight.unseen_sentence(scene, apertures)

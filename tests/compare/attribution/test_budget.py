@@ -32,12 +32,11 @@ from xfrustum.reports.budget import CHAIN, write_budget
 from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.common.pictures import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
-from xfrustum.scenes.appearance.display import decoded, encoded
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Appearance, DirectionalLight, Material, Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.plate import Fit, Offset, Pivot
+from xfrustum.scenes.representation import decoded, encoded
 
 NEARS = (1e-1, 1e-3, 1e-5, 1e-8)  #: near offsets as fractions of the reach
 

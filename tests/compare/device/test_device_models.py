@@ -16,7 +16,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.fingerprint import Fingerprint, draw_fingerprint
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.model.device_model import H100, LLVMPIPE, DeviceModel, model_of, safe_model
-from xfrustum.scenes.plate.double_frustum import DepthFormat
+from xfrustum.scenes.plate import DepthFormat
 
 RECORDED = SHARED / "data" / "devices"
 MODELS = {"llvmpipe": LLVMPIPE, "h100": H100}

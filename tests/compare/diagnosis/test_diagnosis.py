@@ -43,15 +43,9 @@ from xfrustum.compare.renderer_model.pictures import colored, drawn_scene, trace
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, render_page, table
 from xfrustum.scenes import Aperture, HogelImage, Scene, SceneObject, open_scene
-from xfrustum.scenes.conformance.suite import chosen
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.foreign_images import (
-    Encoding,
-    ForeignImage,
-    Reading,
-    StoredPixels,
-    bytes_of,
-)
+from xfrustum.scenes.arguments import InputError
+from xfrustum.scenes.conformance_suite import chosen
+from xfrustum.scenes.files.pictures import Encoding, ForeignImage, Reading, StoredPixels, bytes_of
 
 TURNED, REVERSED = Orientation(True, False, True), Orientation(False, True, False)
 NOMINAL = RendererModel()

@@ -25,7 +25,7 @@ from xfrustum.reference.eye.view import EyeReference
 from xfrustum.research.replays import disparity_errors
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.images import ColorType, PlateContent
 
 NEAR = 6.0
 LEFT, RIGHT = (Eye(position=(x, -4.0, 500.0), resolution=(60, 45)) for x in (-30.0, 35.0))

@@ -16,7 +16,7 @@ from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, InputError
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 
 INDICES = [(40, 30), (0, 0), (80, 60), (29, 12)]
 SETTINGS = (

@@ -20,7 +20,7 @@ from xfrustum.compare.renderer_model.drawn_model import Back, Front, RendererMod
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage, Scene, open_scene
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.tolerances import MAX_WRONG
 
 LONGEST_MM = 80.0  #: longest side of a mesh's bounding box

@@ -41,8 +41,8 @@ from xfrustum.scenes import (
     open_scene,
 )
 from xfrustum.scenes.arrays import Bytes, Floats, Mask
-from xfrustum.scenes.files.foreign_images import Encoding, Reading, bytes_of
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.files.pictures import Encoding, Reading, bytes_of
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.tolerances import MAX_WRONG
 
 RIGHT = DoubleFrustum(near=1e-4, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)

@@ -26,7 +26,7 @@ from xfrustum.compare.metrics.radiance import (
 from xfrustum.reference.transport import RadianceEstimate
 from xfrustum.scenes import HogelImage
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.images import NOTHING, Certainty
 
 
 @pytest.fixture

@@ -43,9 +43,9 @@ from xfrustum.scenes import (
     SceneObject,
     open_scene,
 )
-from xfrustum.scenes.geometry.shapes import refine
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.device_model import safe_model
+from xfrustum.scenes.shapes import refine
 
 SMALL = (96, 72)  #: film for tests that do not need a scene's own resolution, pixels
 

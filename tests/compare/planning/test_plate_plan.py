@@ -35,7 +35,7 @@ from xfrustum.scenes import (
     Scene,
     SceneObject,
 )
-from xfrustum.scenes.appearance.appearance import Material
+from xfrustum.scenes.appearance import Material
 from xfrustum.scenes.library import builtin
 
 FINE = ("--depth=d32f", "--mapping=reversed")

@@ -17,10 +17,9 @@ from xfrustum.compare.planning.ways import (
 )
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene, open_scene
-from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.images import PlateContent
 from xfrustum.scenes.model.scene import SceneObject
-from xfrustum.scenes.plate.double_frustum import DepthFormat
-from xfrustum.scenes.plate.plate import Frustum, PlateTile
+from xfrustum.scenes.plate import DepthFormat, Frustum, PlateTile
 
 SECONDS = st.floats(1e-7, 1.0)
 

@@ -25,10 +25,9 @@ from xfrustum.compare.prediction.band_limiting import (
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, open_scene
-from xfrustum.scenes.appearance.appearance import Material
-from xfrustum.scenes.appearance.sampling import additive_recurrence, sub_apertures
+from xfrustum.scenes.appearance import Material, additive_recurrence, sub_apertures
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.images import ColorType, PlateContent
 
 SHARP = DoubleFrustum(near=0.01, depth="d32f", mapping="reversed")  # type: ignore[arg-type]
 

@@ -15,7 +15,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.shapes import build_shape, refine
+from xfrustum.scenes.shapes import build_shape, refine
 
 AXIS = at(0.0, 0.0)
 PIXELS, SLOPE = 256, 0.5

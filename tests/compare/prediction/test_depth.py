@@ -40,7 +40,7 @@ from xfrustum.scenes import (
 )
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.device_model import safe_model
-from xfrustum.scenes.plate.double_frustum import Offset
+from xfrustum.scenes.plate import Offset
 
 REACH, FOV = 1000.0, math.radians(60)
 SHEETS = Scene(

@@ -29,7 +29,7 @@ from xfrustum.scenes import (
     HogelImage,
 )
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.plate import Fit, Offset, Pivot
 
 SCENES = ("asymmetric", "asymmetric-recentered", "car-recentered", "crossing")
 OPTIONS: tuple[dict[str, Any], ...] = (

@@ -19,9 +19,9 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
+from xfrustum.scenes.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
-from xfrustum.scenes.plate.double_frustum import Pivot
+from xfrustum.scenes.plate import Pivot
 
 SIZE = (96, 72)
 EXPONENT = 12.0

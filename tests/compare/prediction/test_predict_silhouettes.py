@@ -33,7 +33,7 @@ from xfrustum.scenes import (
 )
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.plate.double_frustum import Fit, Offset
+from xfrustum.scenes.plate import Fit, Offset
 
 FOV = math.radians(60)
 SLOPE = math.tan(FOV / 2)

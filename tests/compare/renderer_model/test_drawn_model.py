@@ -15,10 +15,10 @@ from xfrustum.compare.renderer_model.pictures import (
     trace_drawn,
 )
 from xfrustum.reference import Reference
-from xfrustum.scenes.appearance.appearance import Material
-from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
+from xfrustum.scenes.appearance import Material
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.files.foreign_images import Transfer
+from xfrustum.scenes.files.pictures import Transfer
+from xfrustum.scenes.representation import decoding_curve, encoding_curve
 
 
 def twice(radiance: Floats) -> Floats:

@@ -15,9 +15,8 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, DepthFormat, Frustum, Plate, Scene, Screen, open_scene
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.device_model import LLVMPIPE, DeviceModel, model_of
-from xfrustum.scenes.model.direction_image import DirectionImage
-from xfrustum.scenes.model.plate_content import Channel, PlateContent
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.model.images import Channel, DirectionImage, PlateContent
+from xfrustum.scenes.plate import PlateTile
 
 HOGELS, PIXELS = (40, 30), (12, 10)
 SCENES = ["car", "asymmetric", "asymmetric-recentered", "crossing", "large-triangles"]

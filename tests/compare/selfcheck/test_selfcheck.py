@@ -38,11 +38,11 @@ from xfrustum.scenes import (
     Scene,
     Screen,
 )
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import hard_cases
 from xfrustum.scenes.library.builtin import names
-from xfrustum.scenes.model.direction_image import DirectionImage
+from xfrustum.scenes.model.images import DirectionImage
 
 several = examples(20)
 

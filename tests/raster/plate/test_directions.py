@@ -9,12 +9,11 @@ import pytest
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, InputError, Plate, Scene, Screen, open_scene
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
-from xfrustum.scenes.plate.double_frustum import DepthFormat
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.model.images import DRAWN_CHANNELS, Channel, ColorType, PlateContent
+from xfrustum.scenes.plate import DepthFormat, PlateTile
 
 HOGELS, PIXELS = (40, 30), (12, 10)
 BEHIND = "asymmetric before a screen"

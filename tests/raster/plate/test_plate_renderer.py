@@ -26,18 +26,17 @@ from xfrustum.scenes import (
     InputError,
     Scene,
 )
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.plate_content import (
+from xfrustum.scenes.model.images import (
     DRAWN_CHANNELS,
     ColorType,
     FilmPart,
     PlateContent,
     PlateHogel,
 )
-from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
-from xfrustum.scenes.plate.plate import Screen
+from xfrustum.scenes.plate import Fit, Offset, Pivot, Screen
 
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
 OPTIONS = [

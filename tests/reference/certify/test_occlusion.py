@@ -16,7 +16,7 @@ from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
 from xfrustum.scenes import Frustum
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.images import NOTHING
 
 
 def hidden(corners: Floats, bundle: RayBundle, points: SurfacePoints, frustum: Frustum) -> Mask:

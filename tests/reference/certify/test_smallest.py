@@ -16,7 +16,7 @@ from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Frustum, InputError, Screen
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import LONGEST, SHORTEST, SMALLEST_COORDINATE
-from xfrustum.scenes.plate.plate import SMALLEST_SLOPE
+from xfrustum.scenes.plate import SMALLEST_SLOPE
 
 FRUSTUM = Frustum(resolution=(5, 4), reach=(1e30, 1e30), fov=(math.radians(60), math.radians(50)))
 

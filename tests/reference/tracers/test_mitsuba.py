@@ -20,7 +20,7 @@ from xfrustum.reference.llvm import (
 from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, sensor_parameters
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 
 def rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:

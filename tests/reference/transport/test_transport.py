@@ -24,8 +24,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.transport import PathTracer, RadianceEstimate
 from xfrustum.scenes import Aperture, InputError, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.appearance import DirectionalLight, Material, Sampling, Transport
 from xfrustum.scenes.arrays import Floats
 
 APERTURE = PLATE.aperture(3, 12)

@@ -20,8 +20,8 @@ from xfrustum.reports import cost as cost_module
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.cost import Option, pareto, rank, sentences
 from xfrustum.reports.text import DISPLACEMENT_TIE_PX
-from xfrustum.scenes.model.hogel_image import Certainty
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.model.images import Certainty
+from xfrustum.scenes.plate import DoubleFrustum
 from xfrustum.tolerances import MAX_WRONG
 
 

@@ -29,8 +29,7 @@ from xfrustum.reports.error_report.sweep import (
     settings_of,
 )
 from xfrustum.scenes import DepthFormat, DepthMapping, Fit, InputError, Offset, Pivot, open_scene
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.appearance import Appearance, DirectionalLight, Material, Sampling, Transport
 from xfrustum.scenes.model.effects import needed
 
 NEARS = (15.0, 0.015, 1.5e-4)

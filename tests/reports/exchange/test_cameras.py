@@ -25,8 +25,8 @@ from xfrustum.scenes import (
     Pivot,
     Scene,
 )
-from xfrustum.scenes.appearance.appearance import Appearance, Environment
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.appearance import Appearance, Environment
+from xfrustum.scenes.plate import Aperture
 
 JITTER_PX = 0.02
 """Shift of pixel centers that reveals pixels on edges. The rasterizer snaps vertices to 1/256 px.

@@ -29,10 +29,9 @@ from xfrustum.reports.plate.plate import (
 )
 from xfrustum.reports.plate.store import open_store
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Plate, Scene
-from xfrustum.scenes.appearance.appearance import Environment
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance import Environment, Sampling
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.images import ColorType, PlateContent
 
 SETTINGS = DoubleFrustum(near=0.15)
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)

@@ -24,10 +24,9 @@ from xfrustum.reports.plate.plate import PlateFiles, PlateOptions, write_plate
 from xfrustum.reports.plate.reader import PlateReader
 from xfrustum.reports.plate.ways import By, Request, choose
 from xfrustum.scenes import InputError, Plate, Scene
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
-from xfrustum.scenes.plate.double_frustum import DepthFormat
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.appearance import Sampling, Transport
+from xfrustum.scenes.model.images import Channel, ColorType, PlateContent
+from xfrustum.scenes.plate import DepthFormat, PlateTile
 
 #: Columns and rows of hogels in a shard; memory for 14 hogels, bytes, which makes two
 #: tiles of two rows

@@ -29,10 +29,9 @@ from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures
 from xfrustum.reports.plate.reader import PlateReader, camera_of
 from xfrustum.reports.view import stored_plate
 from xfrustum.scenes import InputError
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.geometry.shapes import smoothed
-from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
+from xfrustum.scenes.appearance import Appearance, Sampling, Transport
+from xfrustum.scenes.model.images import DRAWN_CHANNELS, Channel, ColorType, PlateContent
+from xfrustum.scenes.shapes import smoothed
 
 ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
 

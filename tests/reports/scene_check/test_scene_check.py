@@ -18,8 +18,8 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.scene_check.checking import View
 from xfrustum.scenes import InputError, Scene, open_scene
-from xfrustum.scenes.geometry.shapes import build_shape, flipped, placement, smoothed
 from xfrustum.scenes.model.visibility import box
+from xfrustum.scenes.shapes import build_shape, flipped, placement, smoothed
 
 Triple = tuple[float, float, float]
 FRAME = film(

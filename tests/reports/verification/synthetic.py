@@ -13,7 +13,7 @@ from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture
 
 SHOWN = 1000
 """Number of pixels of a hogel that show a surface."""

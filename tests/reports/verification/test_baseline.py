@@ -29,7 +29,7 @@ from xfrustum.reports.verification.baseline import (
     lines,
     sentence,
 )
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.arguments import InputError
 
 RIGHT = {(0, 0): 3, (1, 0): 0, (2, 0): 5}
 WORSE = {(0, 0): 3, (1, 0): 8, (2, 0): 5}

@@ -27,8 +27,8 @@ from xfrustum.reports.verification.sources import StoredPlate
 from xfrustum.reports.verification.words import defect_words
 from xfrustum.scenes import NOTHING, DepthFormat, Frustum, InputError, Plate, Scene, Screen
 from xfrustum.scenes.arrays import Numbers
-from xfrustum.scenes.model.plate_content import Channel, PlateContent
-from xfrustum.scenes.plate.plate import PlateTile
+from xfrustum.scenes.model.images import Channel, PlateContent
+from xfrustum.scenes.plate import PlateTile
 
 #: Hogels in all tiles; tiles meet between rows 2 and 3, and rows 5 and 6
 EVERY = [(column, row) for row in range(7) for column in range(9)]

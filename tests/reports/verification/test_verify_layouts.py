@@ -16,8 +16,8 @@ from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Aperture, HogelImage, InputError, Plate, Scene, Screen
 from xfrustum.scenes.files.exr import write_image
-from xfrustum.scenes.files.foreign_images import bytes_of
 from xfrustum.scenes.files.layouts import Target, layouts_named
+from xfrustum.scenes.files.pictures import bytes_of
 from xfrustum.scenes.files.plate_files import PlateRows, write_files
 
 

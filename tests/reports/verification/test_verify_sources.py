@@ -39,7 +39,7 @@ from xfrustum.scenes import (
     Scene,
     open_scene,
 )
-from xfrustum.scenes.files.foreign_images import bytes_of
+from xfrustum.scenes.files.pictures import bytes_of
 
 SCENE = (
     named("three parts", "mm")

@@ -12,7 +12,7 @@ from tests.support.scene_file import film
 from xfrustum.cli.main import main
 from xfrustum.compare.device.recorded import read_frames
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.disk.input_files import input_memory, read_arrays, read_input
+from xfrustum.scenes.disk import input_memory, read_arrays, read_input
 from xfrustum.scenes.model.device_model import DeviceModel
 
 HOSTILE = CHECKOUT.parent / "shared" / "data" / "inputs" / "hostile"

@@ -18,7 +18,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
 from xfrustum.scenes import InputError
-from xfrustum.scenes.disk.durable import _host, remove_abandoned, write_file
+from xfrustum.scenes.disk import _host, remove_abandoned, write_file
 
 FILM = film(
     (80.0, 60.0), hogels=(2, 1), resolution=(32, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0)
@@ -35,7 +35,7 @@ def left_behind(folder: Path, what: str) -> subprocess.Popen[str]:
     program = f"""
 import sys, time
 from pathlib import Path
-from xfrustum.scenes.disk.durable import TempPath, new_file
+from xfrustum.scenes.disk import TempPath, new_file
 made = {what}
 made.__enter__()
 print("made", flush=True)
@@ -116,7 +116,7 @@ def test_standard_output_of_any_kind_is_written(tmp_path: Path) -> None:
     program = """
 import sys
 from pathlib import Path
-from xfrustum.scenes.disk.durable import write_file
+from xfrustum.scenes.disk import write_file
 for name in sys.argv[1:]:
     print("before", flush=True)
     write_file(Path(name), b"content\\n")

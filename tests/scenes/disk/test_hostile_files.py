@@ -19,12 +19,11 @@ from tests.scenes.files.test_exr import a_camera, an_image
 from tests.support.environment_maps import write_map
 from tests.support.scene_file import film
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.disk.input_files import allowed_memory, input_memory
+from xfrustum.scenes.disk import allowed_memory, input_memory
 from xfrustum.scenes.files.exr import read_image, write_image
-from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
-from xfrustum.scenes.files.pictures import read_environment, read_rgb
-from xfrustum.scenes.geometry.tessellation import load_patches
+from xfrustum.scenes.files.pictures import Encoding, read_environment, read_foreign, read_rgb
 from xfrustum.scenes.meshes.mesh_file import load_mesh
+from xfrustum.scenes.meshes.tessellation import load_patches
 
 GIBIBYTE = 1 << 30
 SCENE = film(

@@ -20,10 +20,10 @@ from xfrustum.scenes import (
     InputError,
     open_scene,
 )
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.appearance import Sampling, Transport
 from xfrustum.scenes.files.exr import image_writer, read_image, write_image
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.model.hogel_image import Rendering
+from xfrustum.scenes.model.images import Rendering
 
 WIDTH, HEIGHT = 37, 21
 

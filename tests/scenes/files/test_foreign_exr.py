@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from xfrustum.scenes import NOTHING, HogelCamera, HogelImage, InputError
 from xfrustum.scenes.files.channels import uncertainty
 from xfrustum.scenes.files.exr import read_channels
-from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
-from xfrustum.scenes.plate.plate import Plate
+from xfrustum.scenes.files.pictures import Encoding, read_foreign
+from xfrustum.scenes.plate import Plate
 
 WIDTH, HEIGHT = 32, 24
 CAMERA = HogelCamera(

@@ -10,11 +10,16 @@ import pytest
 
 from tests.support.environment_maps import write_map
 from xfrustum.scenes import InputError, Plate, Screen, open_scene
-from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL, Material
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.appearance import (
+    DEFAULT_LIGHT,
+    DEFAULT_MATERIAL,
+    Material,
+    Sampling,
+    Transport,
+)
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.files.pictures import read_environment
-from xfrustum.scenes.geometry.shapes import placement
+from xfrustum.scenes.shapes import placement
 
 PLATE = "[plate]\nsize = [80, 60.0]\nhogels = [81, 61]\n"
 FRUSTUM = "[frustum]\nresolution = [512, 256]\nfov_deg = [60, 45.0]\nreach = [150, 100.0]\n"

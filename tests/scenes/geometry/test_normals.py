@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as npst
 from tests.support.long_tail import examples
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
+from xfrustum.scenes.shapes import build_shape, magnification, place, refine, smoothed
 
 ROUNDING = 1e-12
 """A few dozen operations of doubles on values of size one round to 1e-14. Matrices may be so close

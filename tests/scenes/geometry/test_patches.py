@@ -14,7 +14,8 @@ from trimesh.triangles import closest_point
 from tests.support.long_tail import examples
 from xfrustum.scenes import InputError, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.tessellation import (
+from xfrustum.scenes.meshes.mesh_file import load_mesh
+from xfrustum.scenes.meshes.tessellation import (
     cut,
     evenly,
     load_patches,
@@ -26,7 +27,6 @@ from xfrustum.scenes.geometry.tessellation import (
     surface,
     tessellate,
 )
-from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 ROUNDING = 1e-12
 """Largest rounding of a few hundred operations of doubles on values of size ten."""

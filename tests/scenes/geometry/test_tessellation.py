@@ -13,7 +13,7 @@ from xfrustum.reports.error_report.sweep import (
     sweep,
 )
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.geometry.shapes import refine
+from xfrustum.scenes.shapes import refine
 
 SURFACE_CHANGE = 1e-3
 

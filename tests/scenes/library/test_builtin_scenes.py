@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.shapes import SHAPES, build_shape, refine
 from xfrustum.scenes.library import builtin
+from xfrustum.scenes.shapes import SHAPES, build_shape, refine
 
 
 def areas(triangles: Floats) -> Floats:

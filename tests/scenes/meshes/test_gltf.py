@@ -18,7 +18,7 @@ from tests.scenes.meshes.soups import assert_reads
 from tests.support.gltf_writer import TENT, TENT_FACES, Writer
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk.input_files import input_memory
+from xfrustum.scenes.disk import input_memory
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 #: Corners of the triangles of `TENT` without any placement

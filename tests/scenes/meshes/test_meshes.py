@@ -16,8 +16,8 @@ from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, InputError, open_scene
-from xfrustum.scenes.geometry.shapes import place
 from xfrustum.scenes.meshes.mesh_file import load_mesh
+from xfrustum.scenes.shapes import place
 
 Color = tuple[float, ...]
 

@@ -12,9 +12,8 @@ import pytest
 import xfrustum
 from xfrustum import DepthFormat, DepthMapping, DoubleFrustum, Fit, InputError, Pivot, Requirement
 from xfrustum.scenes import Aperture, Frustum, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.appearance import DirectionalLight, Environment, Material, Sampling, Transport
+from xfrustum.scenes.model.images import PlateContent
 
 NONSENSE: tuple[Any, ...] = (
     *("banana", b"1", "1", None, True, math.nan, math.inf, -math.inf, -1.0, [], {}, object()),

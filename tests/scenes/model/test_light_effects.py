@@ -13,13 +13,14 @@ from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reports.common.outputs import json_object
 from xfrustum.reports.scene_check.effects import effect_reason, scene_effects
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import (
+from xfrustum.scenes.appearance import (
     Appearance,
     DirectionalLight,
     Environment,
     Material,
+    Sampling,
+    Transport,
 )
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.effects import (
     ALL_EFFECTS,
     Effect,

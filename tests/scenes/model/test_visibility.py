@@ -32,7 +32,7 @@ from xfrustum.scenes.model.visibility import (
     extents,
     share_between,
 )
-from xfrustum.scenes.plate.plate import Screen
+from xfrustum.scenes.plate import Screen
 
 FILM_SIZE: dict[str, Any] = {"resolution": (48, 40), "reach": (10.0, 14.0)}
 FRUSTA = pytest.mark.parametrize(

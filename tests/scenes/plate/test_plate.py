@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from xfrustum.reports.plate.plate import blocks_of_apertures
 from xfrustum.scenes import InputError, Plate, open_scene
-from xfrustum.scenes.disk.input_files import largest_plate
+from xfrustum.scenes.disk import largest_plate
 
 PLATE = Plate(size=(8.0, 6.0), hogels=(4, 2))
 

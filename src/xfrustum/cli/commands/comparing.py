@@ -20,11 +20,11 @@ from xfrustum.cli.options import (
     option,
     several,
 )
-from xfrustum.scenes.plate.double_frustum import Cull, Offset, Pivot
+from xfrustum.scenes.plate import Cull, Offset, Pivot
 
 if TYPE_CHECKING:
     from xfrustum.compare.scout import AutoApertures
-    from xfrustum.scenes.plate.plate import Aperture
+    from xfrustum.scenes.plate import Aperture
 
 # The word none is an element of a sweep: frusta without cuts, next to frusta with cuts.
 _CUT = options.Read("Z,Z", lambda text: () if text.lower() == "none" else NUMBERS.read(text), "")
@@ -135,7 +135,7 @@ class _Compare(options.Printed):
 @options.command("xfrustum compare truth.exr raster.exr --out compared")
 def compare(request: _Compare) -> None:
     """Compare a raster image with the truth; both are EXR files."""
-    from xfrustum.scenes.disk.input_files import regular_size
+    from xfrustum.scenes.disk import regular_size
 
     options.check_out(request.out, ())
     for image in (request.truth, request.raster):

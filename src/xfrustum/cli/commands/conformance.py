@@ -12,7 +12,7 @@ from xfrustum.cli.options import FOLDER, POSITIVE, TEXT, option
 
 if TYPE_CHECKING:
     from xfrustum.reports.conformance.run import CaseRenderer
-    from xfrustum.scenes.conformance.suite import Case
+    from xfrustum.scenes.conformance_suite import Case
 
 _KNOWN = tuple(f"L{number}" for number in range(7))
 _LEVEL = options.Read(
@@ -40,7 +40,7 @@ class _Chosen(options.Measured):
     @property
     def cases(self) -> tuple[Case, ...]:
         """Cases of the levels and names in the options."""
-        from xfrustum.scenes.conformance.suite import chosen
+        from xfrustum.scenes.conformance_suite import chosen
 
         return chosen(self.level, self.case)
 
@@ -48,7 +48,7 @@ class _Chosen(options.Measured):
 @options.command("xfrustum conformance list --level L0", conformance)
 def list_(request: _Chosen) -> None:
     """List the cases of the suite."""
-    from xfrustum.scenes.conformance.suite import SUITE
+    from xfrustum.scenes.conformance_suite import SUITE
 
     cases = request.cases
     names = ("name", "level", "hogels", "digest")
@@ -71,7 +71,7 @@ class _Show(options.Printed):
 @options.command("xfrustum conformance show L0-behind --out first", conformance)
 def show(request: _Show) -> None:
     """Print a case; with --out, write its input files to case/ and its true images to truth/."""
-    from xfrustum.scenes.conformance.suite import chosen
+    from xfrustum.scenes.conformance_suite import chosen
 
     # An unknown name raises InputError with the list of known names.
     (case,) = chosen(names=(request.name,))

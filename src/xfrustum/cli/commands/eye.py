@@ -58,7 +58,7 @@ class _Asked(options.Measured):
     def source(self, scene: Scene) -> Source | None:
         """Return the source of the hogels; None without a renderer."""
         from xfrustum.reports.view import drawing, image_files, stored_plate
-        from xfrustum.scenes.files.foreign_images import Encoding
+        from xfrustum.scenes.files.pictures import Encoding
 
         if self.settings is not None:
             return drawing(scene, self.settings, self.light.chosen(scene, drawn=self.settings))

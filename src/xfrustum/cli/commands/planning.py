@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.options import group, option, or_auto, several
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+from xfrustum.scenes.plate import DepthFormat, DepthMapping
 from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.model.scene import Scene
-    from xfrustum.scenes.plate.plate import Aperture
+    from xfrustum.scenes.plate import Aperture
 
 
 def _eyes(**values: Any) -> dict[str, Any]:

@@ -133,7 +133,7 @@ def plate(request: _Plate) -> None:
     )
     from xfrustum.reports.plate.store import plate_size
     from xfrustum.reports.plate.ways import DEPTH, By, Request, choose
-    from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
+    from xfrustum.scenes.model.images import Channel, ColorType, PlateContent
 
     placed = (
         None if request.layout is None else LaidOutPlate(out=request.out, layout=request.layout)
@@ -218,7 +218,7 @@ def plate(request: _Plate) -> None:
 
 if TYPE_CHECKING:
     from xfrustum.compare.sampling import SampleRequest
-    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+    from xfrustum.scenes.plate import DoubleFrustum
 
 
 def _settings(nears: tuple[float, ...] | None, **values: Any) -> tuple[DoubleFrustum, ...]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from xfrustum.cli import options
 from xfrustum.cli.options import FOLDER, LENGTH, SIZE, TEXT, flag, one_of, option, several
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate import DoubleFrustum
 from xfrustum.terminal import say
 
 
@@ -68,7 +68,7 @@ class _New(options.Printed):
 @options.command("xfrustum new beetle.obj --size 100 --units mm")
 def new(request: _New) -> None:
     """Write a scene file whose plate, reach and field of view fit MESH."""
-    from xfrustum.scenes.disk.input_files import check_mesh_file
+    from xfrustum.scenes.disk import check_mesh_file
 
     check_mesh_file(request.mesh)
     from xfrustum.reports.scene_check.new_scene import new_scene

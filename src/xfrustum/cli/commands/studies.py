@@ -234,7 +234,7 @@ def selfcheck(request: _Selfcheck) -> int:
     through all vertices and edges, and the scene files in the folder of test data beside the
     checkout.
     """
-    from xfrustum.scenes.opening import check_scene
+    from xfrustum.scenes.library.builtin import check_scene
 
     for name in request.scenes:
         # Test all names before checks that take minutes.

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.geometry import SHAPE_NAMES
 from xfrustum.scenes.model.scene import NormalsMade
 
 Mesh = tuple[Floats, Indices]  #: vertices (V, 3) and faces (F, 3)
@@ -115,7 +114,6 @@ SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType({
     "cone": lambda: lathe(np.array([0, 0.5, 0]), np.array([-0.5, -0.5, 0.5])),
     "torus": lambda: lathe(0.35 + 0.15 * np.cos(_TURN), 0.15 * np.sin(_TURN)),
 })  # fmt: skip
-assert tuple(SHAPES) == SHAPE_NAMES
 
 
 def as_object(name: str, mesh: Mesh, **attributes: Any) -> SceneObject:

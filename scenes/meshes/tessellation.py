@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import connected_components
 
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk.input_files import bounded_memory, check_mesh_file, read_input
-from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
+from xfrustum.scenes.disk import bounded_memory, check_mesh_file, read_input
+from xfrustum.scenes.shapes import drop_flat, grid_faces
 
 #: Distance from 1 to the next larger double, 2^-52: twice the largest relative rounding error.
 EPSILON = float(np.finfo(np.float64).eps)

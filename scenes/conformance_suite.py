@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter
 
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.arguments import InputError
+from xfrustum.scenes.plate import DepthFormat, DepthMapping, DoubleFrustum
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
-    from xfrustum.scenes.plate.plate import Aperture
+    from xfrustum.scenes.plate import Aperture
 
 #: version of the suite
 SUITE = "1.0"
-FOLDER = Path(__file__).parent / SUITE
+FOLDER = Path(__file__).parent / "conformance" / SUITE
 
 #: levels and their subjects; each level is passed independently
 LEVELS = {
@@ -91,7 +91,7 @@ class Case:
 
     def open(self) -> Scene:
         """Return the scene of the case."""
-        from xfrustum.scenes.opening import open_scene  # noqa: PLC0415 - loads NumPy
+        from xfrustum.scenes.library.builtin import open_scene  # noqa: PLC0415 - loads NumPy
 
         file = FOLDER / "scenes" / f"{self.scene}.toml"
         scene = open_scene(file if file.exists() else self.scene)

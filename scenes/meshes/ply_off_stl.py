@@ -1,4 +1,9 @@
-"""PLY in text and in binary (Greg Turk, 1994), with elements and properties of its header."""
+"""Formats that are lists of vertices and polygons: PLY, OFF and STL, in text and in binary.
+
+* PLY (Greg Turk, 1994), with elements and properties of its header
+* OFF of Geomview: a header such as `STCN4OFF`, counts, vertices, polygons with optional colors
+* STL; incomplete files are refused
+"""
 
 from __future__ import annotations
 
@@ -16,9 +21,9 @@ from numpy.typing import NDArray
 from trimesh.grouping import unique_rows
 from trimesh.visual.texture import unmerge_faces
 
+from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.disk.input_files import read_input
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.disk import read_input
 from xfrustum.scenes.meshes.content import (
     MeshContent,
     MeshPart,
@@ -76,7 +81,7 @@ def read_ply(path: Path) -> MeshContent:
         _read_binary(path, data, header)
     elements = {element.name: element for element in header.elements}
     _check_kind(path, elements)
-    return _content(path, elements, header.textures)
+    return _ply_content(path, elements, header.textures)
 
 
 def _header(path: Path, data: bytes) -> _Header:
@@ -263,7 +268,7 @@ def _check_kind(path: Path, elements: Mapping[str, _Element]) -> None:
         raise InputError(f"{path}: faces have no list vertex_indices; export the mesh again")
 
 
-def _content(
+def _ply_content(
     path: Path, elements: Mapping[str, _Element], textures: tuple[str, ...]
 ) -> MeshContent:
     vertex, face = elements["vertex"], elements["face"]
@@ -288,7 +293,7 @@ def _content(
         picture=None if single is None else open_picture(path, single),
         texture=single,
     )
-    return MeshContent(parts=(part,), unread=tuple(_unread(elements, textures, counts)))
+    return MeshContent(parts=(part,), unread=tuple(_ply_unread(elements, textures, counts)))
 
 
 def _complete(element: _Element, choices: Iterable[tuple[str, ...]]) -> NDArray[Any] | None:
@@ -339,7 +344,7 @@ def _textured(
     return numbered.reshape(faces.shape), chosen, placed.astype(np.float64)[chosen]
 
 
-def _unread(
+def _ply_unread(
     elements: Mapping[str, _Element], textures: tuple[str, ...], counts: Indices
 ) -> list[UnreadFeature]:
     face, features = elements["face"], dict[str, str]()
@@ -355,3 +360,203 @@ def _unread(
         if element.count and name not in ("vertex", "face"):
             features[f"element {name}"] = "is not drawn: it has no faces"
     return [UnreadFeature(name, text) for name, text in features.items()]
+
+
+_HEADER = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(ST)?(C)?(N)?(4)?(n)?OFF\b([ \t]*BINARY)?")
+
+
+def read_off(path: Path) -> MeshContent:
+    """Read an OFF file; InputError, with the line, for damaged or unsupported files."""
+    # Letters precede OFF in the header in this order; a file without a header is plain OFF.
+    data = plain_text(read_input(path, "mesh file"))
+    header = _HEADER.match(data)
+    if header is not None and (header[5] or header[6]):
+        kind = "binary OFF" if header[6] else "nOFF, of any number of dimensions,"
+        raise InputError(
+            f"{path}: {kind} is not read; export OFF in text with three coordinates, or PLY"
+        )
+    kinds = [bool(header and header[group]) for group in (1, 2, 3, 4)]
+    textured, colored, normals, weighted = kinds
+    lines = TextLines(path, data, 0 if header is None else header.end())
+    numbers, per_line = lines.numbers(slice(None))
+    # The number of edges is often left out.
+    stated = 2 if len(per_line) and per_line[0] == 2 else 3
+    counts = _whole(path, numbers[:stated], "its counts")
+    if len(counts) < stated or counts.min() < 0:
+        raise InputError(
+            f"{path}: has no counts of vertices, faces and edges; export the mesh again"
+        )
+    after = 3 + weighted  # the place of normals; colors and texture coordinates follow
+    sizes = [after + 3 * normals + channels * colored + 2 * textured for channels in (3, 4)]
+    vertices = _vertices(lines, numbers[stated:], per_line, sizes, int(counts[0]))
+    start = stated + vertices.size
+    corners, of_face, spare = _faces(lines, start, numbers, per_line, int(counts[1]))
+    drawn = of_face >= 3
+    reasons = {
+        ("colors of faces", "are not shown"): spare,
+        ("texture coordinates", "place nothing: OFF has no textures"): textured,
+        ("faces of one or two corners", "are not drawn"): not drawn.all(),
+    }
+    if not drawn.any():
+        what = f"{len(vertices):,} vertices, and no faces of three corners"
+        raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
+    points = vertices[:, :3]
+    # Homogeneous coordinates: a weight of zero gives infinity, which is refused with all vertices.
+    if weighted:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points = points / vertices[:, 3:4]
+    corners = corners[np.repeat(drawn, of_face)]
+    if corners.min() < 0 or corners.max() >= len(points):
+        raise InputError(
+            f"{path}: faces point past the vertices, of which there are {len(points):,}"
+        )
+
+    def refuse(face: int, reason: str) -> InputError:
+        return InputError(f"{path}: face {np.flatnonzero(drawn)[face]} {reason}")
+
+    cut = cut_polygons(points, corners, of_face[drawn], refuse)
+    colors = vertices[:, after + 3 * normals :]
+    part = MeshPart(
+        vertices=points,
+        faces=corners[cut][sizes_together(of_face[drawn])],
+        normals=unit_normals(vertices[:, after : after + 3]) if normals else None,
+        color=linear_colors(colors) if colored else None,
+    )
+    unread = [UnreadFeature(f, c) for (f, c), there in reasons.items() if there]
+    return MeshContent(parts=(part,), unread=tuple(unread))
+
+
+def _vertices(
+    lines: TextLines, numbers: Floats, per_line: Indices, sizes: list[int], count: int
+) -> Floats:
+    """Return the numbers of each vertex (V, n); `sizes` are n for colors of 3 and 4 channels."""
+    own = np.unique(per_line[1 : 1 + count])
+    alike = len(own) == 1  # otherwise vertices are spread over lines, and colors have 4 channels
+    if alike and len(per_line) > count and int(own[0]) not in (1, *sizes):
+        raise lines.error(1, f"a vertex has {own[0]} numbers, and the header says {sizes[1]}")
+    size = int(own[0]) if alike and int(own[0]) in sizes else sizes[1]
+    if len(numbers) < size * count:
+        raise InputError(
+            f"{lines.path}: ends within vertex {len(numbers) // size} of {count:,}: "
+            "the file is cut off"
+        )
+    return numbers[: size * count].reshape(count, size)
+
+
+def _faces(
+    lines: TextLines, start: int, numbers: Floats, per_line: Indices, count: int
+) -> tuple[Indices, Indices, bool]:
+    """Return the corners of all faces in a row, the size of each, and the presence of colors."""
+    line_starts, after = starts_of(per_line), np.cumsum(per_line)
+    first_line = int(np.searchsorted(line_starts, start))
+
+    def error(place: int, reason: str) -> InputError:
+        line = int(np.searchsorted(line_starts, place, side="right")) - 1
+        return lines.error(line, f"{reason}; export the mesh again")
+
+    if len(per_line) - first_line == count and count and line_starts[first_line] == start:
+        starts, limits = line_starts[first_line:], after[first_line:]
+    else:  # numbers in lines of any length, where colors cannot be distinguished from faces
+        places = [start]
+        while len(places) <= count and places[-1] < len(numbers) > numbers[places[-1]] >= 0:
+            places.append(places[-1] + 1 + int(numbers[places[-1]]))
+        if len(places) <= count or places[-1] > len(numbers):
+            reason = f"face {min(len(places), count) - 1} of {count:,} is cut off or damaged"
+            raise error(min(places[-1], len(numbers)) - 1, reason)
+        starts, limits = np.array(places[:-1], np.int64), np.array(places[1:], np.int64)
+    end = int(limits[-1]) if len(limits) else start
+    if end != len(numbers):
+        raise error(end, f"the file goes on after {count:,} faces")
+    counts = _whole(lines.path, numbers[starts], "numbers of corners")
+    spare = limits - starts - 1 - counts  # numbers of a color: up to four
+    for face in np.flatnonzero((counts < 1) | (spare < 0) | (spare > 4))[:1].tolist():
+        raise error(int(starts[face]), f"face {face} of {count:,} is cut off or damaged")
+    corners = numbers[ranges(starts + 1, counts)]
+    return _whole(lines.path, corners, "corners of faces"), counts, bool(spare.any())
+
+
+def _whole(path: Path, numbers: Floats, what: str) -> Indices:
+    """Return whole numbers; InputError at others."""
+    with np.errstate(invalid="ignore"):
+        whole = numbers.astype(np.int64)
+    if (whole != numbers).any():
+        raise InputError(f"{path}: {what} are not whole numbers; export the mesh again")
+    return whole
+
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_HEADER_BYTES = 84  # 80 of any content, and the number of triangles
+_FACET_LINES = np.array(b"facet outer vertex vertex vertex endloop endfacet".split())
+#: Cosine between a stored normal and the reversed winding normal above which the winding is
+#: reversed. Exporters round normals to a few digits, which turns them by far less than 60 degrees.
+_COSINE = 0.5
+
+
+def read_stl(path: Path) -> MeshContent:
+    """Read an STL file; InputError if its length or its text is damaged."""
+    data = read_input(path, "mesh file")
+    count = int.from_bytes(data[80:_HEADER_BYTES], "little")
+    whole = _HEADER_BYTES + count * _FACET.itemsize
+    # Binary files may begin with `solid`, too: only the length distinguishes them.
+    if len(data) >= _HEADER_BYTES and len(data) == whole:
+        facets = np.frombuffer(data, _FACET, offset=_HEADER_BYTES)
+        corners = facets["corners"].astype(np.float64)
+        normals = facets["normal"].astype(np.float64)
+        colored = bool(facets["attribute"].any())
+        return _stl_content(path, corners, _stl_unread(corners, normals, colored))
+    if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
+        return _stl_content(path, _text_corners(path, data), ())
+    reason = f"header says {counted(count, 'triangle')} = {whole:,} bytes, file has {len(data):,}"
+    if len(data) < _HEADER_BYTES:
+        reason = (
+            f"the file has {len(data):,} bytes, fewer than the header of a binary STL and no text"
+        )
+    raise InputError(f"{path}: {reason}; export the mesh again")
+
+
+def _text_corners(path: Path, data: bytes) -> Floats:
+    """Return the corners (F, 3, 3) of all solids of a text."""
+    lines = TextLines(path, plain_text(data))
+    words = lines.keywords(9)
+    inside = (words != b"solid") & (words != b"endsolid")
+    pattern = np.resize(_FACET_LINES, np.count_nonzero(inside))
+    for place in np.flatnonzero(words[inside] != pattern)[:1].tolist():
+        line = int(np.flatnonzero(inside)[place])
+        reason = f"'{lines.text(line)[:40]}' where '{pattern[place].decode()}' must be"
+        raise lines.error(line, f"{reason}; export the mesh again")
+    facets, rest = divmod(len(pattern), len(_FACET_LINES))
+    solids = [np.count_nonzero(words == word) for word in (b"solid", b"endsolid")]
+    if rest or solids[0] != solids[1] or words[-1] != b"endsolid":
+        reason = f"the file is cut off after {facets:,} facets; export the mesh again"
+        raise lines.error(len(lines) - 1, reason)
+    vertices = words == b"vertex"
+    corners, per_line = lines.numbers(vertices, skip=len("vertex"))
+    lines.check(vertices, per_line == 3, "a vertex needs three coordinates")
+    return np.asarray(corners.reshape(-1, 3, 3))
+
+
+def _stl_content(path: Path, corners: Floats, unread: tuple[UnreadFeature, ...]) -> MeshContent:
+    if not len(corners):
+        raise InputError(
+            f"{path}: the mesh has no triangles: it says so itself; export the mesh again"
+        )
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    part = MeshPart(vertices=corners.reshape(-1, 3), faces=faces)
+    return MeshContent(parts=(part,), unread=unread)
+
+
+def _stl_unread(corners: Floats, normals: Floats, colored: bool) -> tuple[UnreadFeature, ...]:
+    """Return unread attributes of facets, and stored normals that contradict the winding."""
+    unread = []
+    if colored:
+        consequence = "are not shown: some programs store colors there"
+        unread.append(UnreadFeature("attributes of facets", consequence))
+    with np.errstate(over="ignore", invalid="ignore"):
+        winding = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        along = np.einsum("fx,fx->f", winding, normals)
+        size = np.linalg.norm(winding, axis=1) * np.linalg.norm(normals, axis=1)
+        turned = np.count_nonzero(along < -_COSINE * size)
+    if turned:
+        consequence = f"are not read: {turned:,} oppose the order of the corners, which decides"
+        unread.append(UnreadFeature("normals of facets", consequence))
+    return tuple(unread)

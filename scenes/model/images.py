@@ -1,27 +1,33 @@
-"""Hogel image, the result of every renderer: the surfaces visible from one aperture, per pixel."""
+"""Images that renderers return: of a hogel, by direction, and of a plate as a stream of hogels.
+
+A hogel image shows the surfaces visible from one aperture, per pixel. An image by direction has one
+pixel of all hogels of a tile: a plate is a stack of hogels or a stack of images by direction, and
+both have the same pixels.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from functools import cached_property, partial
 from json import dumps
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.appearance import Sampling, Transport
+from xfrustum.scenes.arguments import choice, settle, switch
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
-from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.effects import Effect, checked
 from xfrustum.scenes.model.scene import read_only
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate import Aperture, DoubleFrustum, PlateTile
 from xfrustum.scenes.representation import NO_UNIT, SCENE_UNITS, Labelled, ShortRepr, dataset
 
 if TYPE_CHECKING:
     import xarray
+
 
 #: Additional arrays of an image, coordinates of the whole image, and attributes, by name.
 Labels = tuple[dict[str, Labelled], dict[str, Labelled], dict[str, Any]]
@@ -227,3 +233,119 @@ def stacked(bands: Sequence[HogelImage]) -> HogelImage:
         parts = [getattr(band, name) for band in bands]
         whole[name] = None if any(part is None for part in parts) else np.concatenate(parts)
     return HogelImage(**whole)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DirectionImage(ShortRepr):
+    """True image by direction of a tile; arrays are (rows, columns) of hogels, row 0 on top.
+
+    Each pixel is equal, bit for bit, to the same pixel in the image of its hogel.
+    """
+
+    tile: PlateTile
+    pixel: tuple[int, int]  #: column and row of the pixel in every hogel
+    triangle: Numbers  #: int32, -1 where there is no surface
+    position: Floats  #: (rows, columns, 3) surface points, scene units; NaN where there is none
+    normal: Floats | None  #: (rows, columns, 3) unit normals by the mesh's winding
+    color: NDArray[Any] | None  #: (rows, columns, 3) linear RGB
+    certainty: Bytes  #: uint8 `Certainty`
+    tied_triangles: (
+        Indices  #: (N, 3) row, column of the tile, triangle of surfaces that share a tie
+    )
+
+
+class ColorType(StrEnum):
+    """Type of stored linear RGB; uint8 is 255 times the radiance, clipped and rounded."""
+
+    UINT8 = "uint8"
+    FLOAT16 = "float16"
+    FLOAT32 = "float32"
+
+    @property
+    def dtype(self) -> np.dtype[np.generic]:
+        """NumPy type."""
+        name: DTypeLike = self.value
+        return np.dtype(name)
+
+
+class Channel(StrEnum):
+    """One of the images of a hogel, in the order in which they are written; color comes last."""
+
+    CERTAINTY = "certainty"
+    NORMAL = "normal"
+    HEIGHT = "height"
+    TRIANGLE = "triangle"
+    COLOR = "color"
+
+
+#: Images that a renderer has; only the truth has certainty.
+DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateContent:
+    """Images of a stream of hogels; InputError for unknown types, channels and effects."""
+
+    color: ColorType = ColorType.FLOAT16  #: type of linear RGB
+    ids: bool = False  #: true if the stream has triangle numbers, as with channel `TRIANGLE`
+    channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color and `ids`
+    #: None selects the effects that the scene needs, which give the same pictures
+    effects: frozenset[Effect] | None = None
+
+    def __post_init__(self) -> None:
+        ids = switch(self.ids, "ids")
+        requested = {
+            choice(Channel, channel, "channels") for channel in self.channels or (Channel.COLOR,)
+        }
+        channels = tuple(
+            channel
+            for channel in Channel
+            if channel in requested or (ids and channel is Channel.TRIANGLE)
+        )
+        settle(
+            self,
+            color=choice(ColorType, self.color, "color"),
+            ids=Channel.TRIANGLE in channels,
+            channels=channels,
+            effects=None if self.effects is None else checked(self.effects),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmPart:
+    """Rectangle of requested pixels of a hogel's film, with both ends included."""
+
+    columns: tuple[int, int]
+    rows: tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlateImages(ShortRepr):
+    """Images in the types of a plate, row 0 on top; pixels outside the request are undefined."""
+
+    color: NDArray[Any] | None  #: (H, W, 3) linear RGB in the requested type
+    triangle: Numbers | None  #: (H, W), -1 where there is no surface
+    height: Singles | None = None  #: (H, W) above the plate, NaN where there is no surface
+    normal: Singles | None = None  #: (H, W, 3) unit, by the mesh's winding, NaN likewise
+    certainty: Bytes | None = None  #: (H, W) uint8 `Certainty`
+
+    def image(self, channel: Channel) -> NDArray[Any]:
+        """Return one of the requested images."""
+        image: NDArray[Any] | None = getattr(self, channel)
+        assert image is not None, f"{channel} was not asked for"
+        return image
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlateHogel(PlateImages):
+    """The images of one aperture."""
+
+    aperture: Aperture
+    color: NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlateDirection(PlateImages):
+    """Images of one pixel of all hogels of a tile, with one pixel for each hogel."""
+
+    pixel: tuple[int, int]  #: column and row in every hogel
