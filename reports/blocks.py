@@ -1,12 +1,12 @@
 """Work in blocks: in this process, in processes of this machine, on a Dask cluster, or part K of N.
 
-The store is the only coordinator. A block is finished when its result has its final name, which it
-gets only when it is complete. Any process may die at any time; the same command then continues with
+The store is the only coordinator. A block is finished when its result has its final name. Only
+complete results are renamed. Any process may die at any time; the same command then continues with
 the missing blocks.
 
-Processes of this machine are spawned, never forked: a process forked from one with an OpenGL
-context hangs. They communicate by pipes, so that no port is open. A Dask cluster is started by the
-user, with the user's ports (docs/clusters.md).
+Processes of this machine are spawned, never forked: a fork of a process with an OpenGL context
+hangs. They communicate by pipes, so that no port is open. A Dask cluster is started by the user,
+with the user's ports (docs/clusters.md).
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ DEVICE_VARIABLE, CUDA_VARIABLE = "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES
 #: time limit for the answer of a scheduler, seconds
 CONNECT_S = 10
 
-#: Time limit and interval for a block that a cluster has finished to appear in the store, seconds;
-#: NFS caches the entries of a folder for at most 60 s.
+#: Time limit and polling interval, seconds, for a finished block of a cluster to appear in the
+#: store. NFS caches the entries of a folder for at most 60 s.
 SEEN_S, SEEN_POLL_S = 60.0, 0.2
 
 
@@ -74,7 +74,7 @@ class Session(Protocol):
 class Job(ABC):
     """A job, divided into blocks; job, scene and blocks are pickled for workers."""
 
-    #: whether sessions use OpenGL, which takes one process per GPU
+    #: whether sessions use OpenGL; by default each GPU then has one process
     draws: ClassVar[bool] = True
     #: name of the parts of a block in progress bars
     unit: ClassVar[str] = "hogel"
@@ -105,13 +105,13 @@ class Job(ABC):
 class HogelBlock:
     """Some hogels of a plate, judged together."""
 
-    #: of the part
+    #: number of the block's Parquet part
     number: int
     apertures: Sequence[Aperture]
 
 
 def blocks_of(apertures: Sequence[Aperture], size: int, first: int) -> list[HogelBlock]:
-    """Divide apertures into blocks, numbered from `first`; the last may be smaller."""
+    """Divide apertures into blocks, numbered from `first`; the last block may be smaller."""
     begins = range(0, len(apertures), size)
     return [
         HogelBlock(number=number, apertures=apertures[begin : begin + size])
@@ -121,7 +121,7 @@ def blocks_of(apertures: Sequence[Aperture], size: int, first: int) -> list[Hoge
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HogelJob(Job):
-    """Hogels in blocks, each of which leaves a Parquet part of rows."""
+    """Job on hogels; each block writes a Parquet part of rows."""
 
     parts: ParquetParts
 
@@ -166,8 +166,8 @@ class Engine:
 
     #: address of a Dask scheduler
     scheduler: str | None = None
-    #: Number of processes, 1 for the command itself; None for one per device where sessions draw
-    #: on GPUs or on `devices`, else for one per available processor.
+    #: Number of processes; 1 uses the command's own process. None: one per device if sessions draw
+    #: on GPUs or on `devices`, else one per available processor.
     workers: int | None = None
     #: EGL device indices, used in turn; empty for all GPUs
     devices: tuple[int, ...] = ()
@@ -227,7 +227,7 @@ class Workers(ABC):
         """
 
     def ask(self, job: Job, function: Callable[..., Answer], *arguments: Any) -> Answer:
-        """Return function(session, *arguments) of one worker."""
+        """Return function(session, *arguments), called in one worker."""
         ((_, answer),) = self.map(job, _answer, [(function, arguments)])
         return answer
 
@@ -303,7 +303,7 @@ def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator
 
 
 class _OpenSession(ExitStack):
-    """Session of the latest job of a process; leaving it closes the session.
+    """Session of a process's latest job; leaving this context closes the session.
 
     A process has one session at a time, because OpenGL contexts belong to a thread and tracers keep
     their acceleration structures.
@@ -313,7 +313,7 @@ class _OpenSession(ExitStack):
     _session: Any = None
 
     def get(self, key: object, job: Callable[[], Job]) -> Any:
-        """Return the session of the job that `key` identifies; another job closes the last one."""
+        """Return the session of the job named by `key`; another key closes the last session."""
         if self._key is not key:
             self._key = self._session = None
             self.close()
@@ -394,8 +394,8 @@ class _Pool(Workers):
     ) -> Future[Answer]:
         if self._job is not job:
             self.end()
-        # The first submission starts the processes. An interrupt there would leave a process that
-        # is never joined and whose semaphores disappear with this process.
+        # The first submission starts the processes. An interrupt during that start would leave a
+        # process that is never joined, and its semaphores disappear with this process.
         with delayed():
             try:
                 return (self._executor or self._start(job)).submit(_in_process, function, item)
@@ -406,7 +406,7 @@ class _Pool(Workers):
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
-        # An item, and the number of workers that died while they worked on it.
+        # Each item has the number of workers that died while they worked on it.
         waiting, again = iter(items), deque[tuple[Item, int]]()
         running: dict[Future[Answer], tuple[Item, int]] = {}
         try:
@@ -516,7 +516,7 @@ class _Cluster(Workers):
             )  # fmt: skip
             items_by_key = {future.key: item for future, item in zip(futures, listed, strict=True)}
             completed = as_completed(futures, loop=self._client.loop)
-            # The scheduler keeps results that are referenced.
+            # The scheduler keeps the results of referenced futures.
             del futures
             for future in completed:
                 item = items_by_key.pop(future.key)
@@ -536,7 +536,7 @@ class _Cluster(Workers):
 
 @cache
 def _drawing_thread() -> ThreadPoolExecutor:
-    """Return the thread of a Dask worker that owns its session: tasks arrive in other threads."""
+    """Return the thread that owns a Dask worker's session; tasks arrive in other threads."""
     return ThreadPoolExecutor(1, thread_name_prefix="renderer")
 
 

@@ -79,7 +79,7 @@ class BudgetReport(NotebookRepr):
         return tuple(name for name in CHAIN if culled or name != "T5")
 
     def summary(self) -> dict[str, Any]:
-        """Return one JSON object: the numbers of geometry, then of radiance."""
+        """Return one JSON object: the numbers of geometry, then the numbers of radiance."""
         geometry = json_object(with_sentences(self.geometry.numbers))
         return {**geometry, "radiance": json_object(self.radiance.numbers)}
 
@@ -121,7 +121,7 @@ class BudgetReport(NotebookRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AutoBudget(NotebookRepr):
-    """A budget at each of the apertures that were chosen for a plate, in their order."""
+    """Budgets at the apertures chosen for a plate, in the order of the apertures."""
 
     budgets: tuple[BudgetReport, ...]
 
@@ -176,10 +176,11 @@ def budget(
 ) -> BudgetReport:
     """Charge every wrong pixel of one image to its cause, and split its radiance error by link.
 
-    Sampling and light transport of the scene are links of the radiance error. The aperture is the
-    middle one where None; `progress` draws a bar on standard error; rounding is explained by
-    `device`, None selects the recorded model of the current device. InputError if the settings make
-    no sense for the scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
+    Sampling and light transport of the scene are links of the radiance error. `aperture` None
+    selects the middle one, and `progress` draws a bar on standard error. `device` is the model that
+    explains rounding; None selects the recorded model of the current device. InputError if the
+    settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
+    usable OpenGL.
     """
     one_of(scene, Scene, "scene")
     one_of(settings, DoubleFrustum, "settings")
@@ -213,7 +214,7 @@ def budget_of(
     return make_budget(reference, chain), chain
 
 
-#: name of the radiance error as a whole, beside its links
+#: name of the total radiance error, in lists of its links
 IN_ALL = "in all"
 
 
@@ -249,7 +250,7 @@ def headline(numbers: BudgetNumbers) -> str:
 
 
 def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
-    """Return a row for each link with its prediction and ratios, below a head."""
+    """Return a header row, and a row for each link with its prediction and ratios."""
     compared = ("predicted", "ratio")
     rows: list[Sequence[str]] = [
         ("charged to", "pixels", "surface", *compared, "moves by, px rms", *compared)
@@ -260,7 +261,7 @@ def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
             (link.surface, link.predicted_surface),
             (link.displacement_rms_px, link.predicted_displacement_rms_px),
         ):
-            # A prediction of zero has no ratio; the row then shows only both numbers.
+            # A prediction of zero has no ratio; the row then has a dash in its place.
             ratio = measured / predicted if predicted and measured is not None else None
             cells += map(_three_digits, (measured, predicted, ratio))
         rows.append(cells)
@@ -295,7 +296,7 @@ def prediction_notes(numbers: BudgetNumbers) -> list[str]:
 
 
 def _three_digits(value: float | None) -> str:
-    """Write a number with three digits, and all digits of thousands of pixels."""
+    """Write a number with three digits, or thousands of pixels with all digits."""
     if value is None:
         return "-"
     # Counts of pixels stay exact; lengths in pixels need three digits.
@@ -305,8 +306,8 @@ def _three_digits(value: float | None) -> str:
 def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
     """Write page, budget.json, images of the chain, and causes in color, all or nothing.
 
-    Pictures of the change of radiance by each link are among them. Several budgets are written to a
-    folder each, named by their apertures; InputError if it cannot be written.
+    The files include a picture of the change of radiance by each link. Each of several budgets has
+    its own folder, named by its aperture. InputError if a folder cannot be written.
     """
     if isinstance(report, AutoBudget):
         # Each folder is written as a whole; a failure keeps the finished ones.

@@ -61,8 +61,8 @@ DEPTHS = (
 #: docs/method.md, "Splitting".
 CUTS_PER_REACH = ((0.1,), (0.03, 0.2), (0.01, 0.05, 0.25))
 NEARS_PER_CUT = (1e-1, 1e-2)
-#: Near planes of cameras in the aperture, as fractions of the shorter reach. They cause no
-#: displacement, but a gap of near on both sides of the plate. Their depth buffer is D32F reversed,
+#: Near planes of cameras in the aperture, as fractions of the shorter reach. They displace no
+#: surface, but leave a gap of near on both sides of the plate. They are drawn with D32F reversed,
 #: which works with any near.
 NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
 #: Near plane at which samples and effects are measured: their cost does not depend on it.
@@ -89,7 +89,7 @@ class Way:
 
     renderer: str
     label: str
-    #: its group of options: a depth buffer, or another varied setting
+    #: group of the option: a depth buffer, or another varied setting
     family: str
     #: None for a tracer
     way: PlateWay | None = None
@@ -103,12 +103,12 @@ class Option(Way):
     displacement_p99_px: float
     #: share of judged pixels with the wrong surface
     surface_fraction: float
-    #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device
-    #: drew, and read back: None for a tracer, which does neither.
+    #: Seconds of a whole picture with read-back, over repetitions. Then the seconds of drawing and
+    #: of reading back on the device; None for a tracer.
     time_s: Timing
     gpu_s: Timing | None = None
     read_s: Timing | None = None
-    #: attachments of one image by direction; None for all others
+    #: size of the attachments of one image by direction; None for other ways
     memory_bytes: int | None = None
 
     @property
@@ -119,14 +119,14 @@ class Option(Way):
         return self.label, *times, *errors
 
     def keeps(self, tolerance_px: float) -> bool:
-        """Compliance with a tolerance (`compare.beyond`)."""
+        """Return whether the errors are within a tolerance (`compare.beyond`)."""
         return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
     def beats(self, other: Option) -> bool:
         """Return whether this option is nowhere worse than another, and somewhere better.
 
-        Its time is not worse if its median does not exceed the other's interval, and better if the
-        two times are distinguishable.
+        Its time is not worse if its median does not exceed the other's interval. Its time is better
+        if it is also distinguishable from the other's.
         """
         mine, its = (
             (option.displacement_p99_px, option.surface_fraction) for option in (self, other)
@@ -141,9 +141,10 @@ class Option(Way):
 class FastestWithin:
     """Options within a tolerance that no other option beats in time.
 
-    `fastest` are the options whose timing intervals overlap with the interval of the least median,
-    which comes first; if there were too few repetitions for a ranking (`ranked` is false), they are
-    all options within the tolerance, and they are empty if no option keeps it.
+    `fastest` begins with the option of the least median; the timing intervals of the others overlap
+    with its interval. If there were too few repetitions for a ranking (`ranked` is false),
+    `fastest` has all options within the tolerance. It is empty if no option is within the
+    tolerance.
     """
 
     tolerance_px: float
@@ -172,7 +173,7 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
     ascending = sorted(options, key=lambda option: option.time_s.median)
     allowed = tuple(option for option in ascending if option.keeps(tolerance_px))
     repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
-    # Too few repetitions have no interval, and a single option has no rank.
+    # There is no interval of too few repetitions, and no ranking of a single option.
     if len(allowed) < 2 or not repeated:
         return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
     tied = tuple(option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
@@ -204,13 +205,12 @@ class CostReport(NotebookRepr):
 
     scene: Scene
     aperture: Aperture
-    #: Apertures at which pictures are judged, if several; the worst one counts. None for a single
-    #: one.
+    #: Apertures at which pictures are judged; the worst one counts. None for a single aperture.
     auto: AutoApertures | None
     tolerance_px: float
     options: tuple[Option, ...]
-    #: by renderer: seconds of one-time setup for a scene (buffers, programs, acceleration
-    #: structures)
+    #: seconds of one-time setup for a scene (buffers, programs, acceleration structures), by
+    #: renderer
     upload_s: dict[str, float]
     machine: dict[str, str]
     versions: dict[str, str]
@@ -273,7 +273,7 @@ class CostReport(NotebookRepr):
         ]
         answers = []
         for ranking, sentence in zip(self.answers, self.sentences, strict=False):
-            # The option with the least error of the fastest ones, if any keeps the tolerance.
+            # Take the least error among the fastest options, if any option keeps the tolerance.
             option = ranking.option
             answer = {
                 "tolerance_px": ranking.tolerance_px,
@@ -299,7 +299,7 @@ class CostReport(NotebookRepr):
         )
 
     def table(self) -> str:
-        """Return the answers, every option on the front as aligned lines, and which one to take."""
+        """Return the answers, the options on the front as lines, and the recommended option."""
         *answers, answer = self.sentences
         head = ("on the Pareto front", "ms", "from", "to", "99 %, px", "wrong")
         rows = [option.cells for option, best in self.ascending() if best]
@@ -317,10 +317,11 @@ def cost(
 ) -> CostReport:
     """Measure error and time of every configuration.
 
-    The picture shows one aperture, the middle one where None. From the choice of `auto_apertures`
-    the first is timed; pictures are judged at each, and the worst counts. There is a second answer
-    for a fifth of the tolerance. For each configuration `repeat` pictures are timed, after one that
-    warms up. All take turns, so that a slow minute slows all of them down.
+    The picture shows one aperture, by default the middle one. If there are several apertures
+    (`AutoApertures`), only the first is timed; pictures are judged at all apertures, and the worst
+    counts. A second answer is for a fifth of the tolerance. For each configuration `repeat`
+    pictures are timed after a warm-up. Configurations take turns, so that a slow minute slows all
+    of them down.
 
     InputError if the tolerance or the number of repetitions is not positive, the aperture sees
     nothing of the objects, or there is no usable OpenGL.
@@ -347,7 +348,7 @@ def cost(
             # them.
             reference.build_tracer()
             upload_s[name] = time.perf_counter() - begun
-        # Read while the contexts are open.
+        # Read the device while the contexts are open.
         device = drawers["auto"].device
         ways = {
             place: [*_drawn(scene, place, drawers), *_traced(place, tracers)] for place in apertures
@@ -393,7 +394,7 @@ def cost(
     )
 
 
-#: a way to make a picture, and the function that makes it
+#: a way to make a picture, and the function that makes the picture
 _Made = tuple[Way, Callable[[], HogelImage | Drawn | None]]
 
 
@@ -413,7 +414,7 @@ def _errors(
             # Tracers draw exact lines: their only errors are wrong surfaces.
             p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
             worst, wrong = errors[number]
-            # Both maxima may come from different apertures: each is a bound for the plate.
+            # The two maxima may come from different apertures: each is a bound for all of them.
             errors[number] = max(worst, p99), max(wrong, judged.surface.fraction)
             done()
     return errors
@@ -422,7 +423,7 @@ def _errors(
 def _seconds(
     ways: list[_Made], repeat: int, done: Callable[[], object]
 ) -> list[dict[str, list[float]]]:
-    """Return the repeated times of each way by their names in `Option`; all take turns."""
+    """Return the measured seconds of each way, by fields of `Option`; the ways take turns."""
     seconds: list[dict[str, list[float]]] = [defaultdict(list) for _ in ways]
     # Rounds interleave all ways, so that drift of clock or load affects all of them equally.
     for _ in range(repeat):
@@ -438,7 +439,7 @@ def _seconds(
 
 
 def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[_Made]:
-    """Yield settings: nears by buffers and mappings, slabs, offsets, samples, effects."""
+    """Yield drawn ways: nears with depth buffers, slabs, nears without offset, samples, effects."""
     reach, units = scene.frustum.longest_reach, scene.units
 
     def way(
@@ -516,7 +517,7 @@ def _by_directions(scene: Scene, stack: ExitStack) -> _Made:
 
 
 def _of_hogels(option: Option, scene: Scene) -> Option:
-    """Return an option whose time is the time of all passes per hogel, from some timed passes."""
+    """Return an option with the time of all passes per hogel, extrapolated from timed passes."""
     columns, rows = tile_about(scene.plate, scene.plate.middle, TIMED_SIDE).size
     passes = math.prod(scene.frustum.resolution)
     timed = len(spread_pixels(scene.frustum, TIMED_PASSES))
@@ -586,7 +587,7 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
             "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
         }
         data.append(points)
-    # The two lines are less than a decade apart: one label stands above its line, one below.
+    # The two lines are less than a decade apart: put one label above its line, the other below.
     limits = {"bottom": tolerance_px, "top": STRICTER_FRACTION * tolerance_px}
     across = {
         "type": "line",
@@ -596,7 +597,7 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
         "line": {"color": INK, "dash": "dot", "width": 1},
     }
     at_end = {"x": 1, "xref": "x domain", "xanchor": "right", "showarrow": False}
-    # A range of less than a decade has no power of ten in it, and digits alone are read as numbers.
+    # A range of less than a decade may have no power of ten; plotly's bare digits mislead there.
     ticks = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 3, 5, 7)]
     labels = {"tickvals": ticks, "ticktext": [f"{value:g}" for value in ticks]}
     decades = {"type": "log", "exponentformat": "power", "dtick": 1}

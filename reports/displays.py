@@ -33,7 +33,7 @@ DISPLAYED = (Scene, SceneObject, HogelImage, EyeImage, Comparison, JudgedDrawing
 
 
 def register(formatters: Mapping[str, Any]) -> None:
-    """Add displays to the formatters of IPython, which are given by media type."""
+    """Add displays to `formatters`, IPython's formatters by media type."""
     # IPython looks formatters up along the classes of an object: subclasses are displayed, too.
     for kind in DISPLAYED:
         formatters["text/html"].for_type(kind, html)

@@ -23,11 +23,11 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.representation import digits, plain
 from xfrustum.tolerances import TOLERANCE_PX
 
-#: Largest number of cells along a side of a map: a cell of a larger plate stands for several
-#: hogels, and each is five pixels wide on the page.
+#: Largest number of cells along a side of a map; such a cell is five pixels wide on the page. On a
+#: larger plate a cell stands for several hogels.
 MAX_MAP_CELLS = 120
 
-#: height of the map of a plate as high as wide, on the page
+#: height of the map of a square plate on the page, px
 MAP_PIXELS = 260
 #: color of the marks of apertures
 MARK = "#D55E00"
@@ -69,7 +69,7 @@ def choices(auto: AutoApertures) -> list[dict[str, Any]]:
 
 
 def notes(auto: AutoApertures) -> list[str]:
-    """Describe the scan of apertures, and each choice with its reason, in a sentence each."""
+    """Return a line on the scan of apertures, and a line on each choice with its reason."""
     hogels, looks = math.prod(auto.scout.scene.plate.hogels), len(auto.scout.looks)
     scanned = "all" if looks == hogels else f"{looks} of the"
     lines = [
@@ -97,7 +97,7 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
 
 
 def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
-    """Draw the plate's nearest visible |z|, and its outlines, each bright at large errors."""
+    """Draw maps of the plate's nearest visible |z| and outlines, bright where errors are large."""
     plate, looks = auto.scout.scene.plate, auto.scout.looks
     nearest, outlines = (
         np.array([getattr(look, name) for look in looks]) for name in ("nearest", "outline_widths")
@@ -143,11 +143,11 @@ def plate_map(
     known: Mask | None = None,
     logarithmic: bool = False,
 ) -> Figure:
-    """Draw a number (rows, columns) over the plate, in its own proportions, row 0 at the top.
+    """Draw values (rows, columns) as a map in the plate's proportions, row 0 at the top.
 
-    The number is blank where it is NaN. Cells that are not `known`, by default cells without a
-    value, have the value of the nearest known cell. The color scale may be `logarithmic`. Where
-    the title begins with "share", numbers are in percent.
+    NaN is blank. Cells that are not `known`, by default cells without a value, have the value of
+    the nearest known cell. The color scale may be `logarithmic`. Where the title begins with
+    "share", numbers are in percent.
     """
     known = np.isfinite(values) if known is None else known
     if known.any():
@@ -170,7 +170,7 @@ def plate_map(
         heat["colorbar"]["tickformat"] = "~%"
         heat["hovertemplate"] = "column %{x:.0f}, row %{y:.0f}: %{customdata:.2~p}<extra></extra>"
     if logarithmic and (exponents := shown[np.isfinite(shown)]).size:
-        # Powers of ten, or five ticks spread evenly where these are few.
+        # Use powers of ten as ticks, or five evenly spaced ticks if the range has few powers.
         ticks = np.arange(np.ceil(exponents.min()), np.floor(exponents.max()) + 1)
         if len(ticks) <= 2:
             ticks = np.linspace(exponents.min(), exponents.max(), 5)
@@ -199,7 +199,7 @@ def plate_map(
 def mark(
     figure: Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int
 ) -> None:
-    """Mark apertures on a map by rings with hover text, and label the first of them."""
+    """Mark apertures on a map by rings with hover text, and label the first `labels` of them."""
     points = {
         "x": [column for (column, _), _ in marks],
         "y": [row for (_, row), _ in marks],

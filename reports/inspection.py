@@ -22,11 +22,11 @@ from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.representation import digits, percent
 
 PAGE = "inspect.html"
-#: text in every page of this program, which identifies them
+#: text that identifies the pages of this program
 MARK = '<p class="kicker">xfrustum'
 
 MAX_HOGELS = 12
-"""Largest number of hogels on a page: at 512 x 512 pixels each takes about a megabyte."""
+"""Largest number of hogels on a page: a hogel of 512 x 512 pixels takes about a megabyte."""
 
 MAX_SIDE_PX = 1024
 """Longest side of a pane; panes of larger films keep the worst pixel of each block."""
@@ -34,7 +34,7 @@ MAX_SIDE_PX = 1024
 MAX_LISTED_PIXELS = 400
 """Largest number of wrong pixels of a hogel whose values are on the page."""
 
-#: frames that can be inspected
+#: request of frames that can be inspected
 DRAWN = FrameRequest(color=True, causes=True)
 
 COLORS = (
@@ -46,15 +46,15 @@ COLORS = (
     "rgb(86,180,233)",
     "rgb(0,158,115)",
 )
-"""Colors of classes of pixels: the first three are wrong."""
+"""Colors of classes of pixels; the first three classes are errors."""
 
 Classes = Mapping[str, Mask]
-"""Masks (H, W) by the labels of their pixels; a pixel has the label of the first of its masks."""
+"""Masks (H, W) by label; a pixel in several masks has the label of the first mask."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Legend:
-    """A class of pixels of a pane."""
+    """An entry of a pane's legend: a class of pixels."""
 
     label: str
     color: str
@@ -82,9 +82,9 @@ class InspectedHogel:
     size: tuple[int, int]
     #: errors of the hogel in a line
     words: str
-    #: the truth first
+    #: panes of the hogel, beginning with the truth
     panes: tuple[Pane, ...]
-    #: columns, and a row of them for each listed wrong pixel
+    #: names of columns, and a row of values for each listed wrong pixel
     columns: tuple[str, ...]
     pixels: tuple[tuple[int | float | str | None, ...], ...]
 
@@ -103,7 +103,7 @@ def inspected_drawings(
 
 
 def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
-    """Return a frame of our own rasterizer with its truth, errors, and causes where it has them."""
+    """Return a frame of our own rasterizer with truth, errors and, given a budget, causes."""
     comparison, settings, errors = frame.comparison, frame.settings, frame.comparison.errors
     assert errors.surface is not None and errors.outside is not None, "the scene is at hand"
     words = []
@@ -246,7 +246,7 @@ def _values(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateMap:
-    """One number of the hogels of a plate: a share where `words` begin with "Share"."""
+    """A value of each hogel of a plate; it is a share if `words` begin with "Share"."""
 
     words: str
     #: (rows, columns) largest value of each cell; NaN where no hogel is known
@@ -269,7 +269,7 @@ class PlateMap:
 
     @property
     def largest(self) -> str:
-        """Sentence on the largest value; empty if no hogel has a value."""
+        """Largest value as text; empty if no hogel has a value."""
         if not np.isfinite(self.cells).any():
             return ""
         value = float(np.nanmax(self.cells))
@@ -309,9 +309,9 @@ def write_inspection(folder: Path, shown: Inspection) -> None:
 
 @contextmanager
 def replacing_inspection(folder: Path, *, kept: bool = True) -> Iterator[None]:
-    """Remove the inspection page of an earlier run after a block that writes none.
+    """Remove an earlier run's inspection page after the `with` block, unless `kept`.
 
-    Another file of this name stays.
+    A file of this name from another program stays.
     """
     yield
     page = folder / PAGE

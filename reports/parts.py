@@ -1,8 +1,8 @@
 """Results in blocks: a folder of Parquet files, one for each block, each complete or absent.
 
-A part is written under a temporary name and renamed when it is on the disk: an existing part is a
-finished block. Its pages have checksums (Parquet's own): a part that fails them counts as missing.
-The folder has a description of the work, and is not continued with other work.
+A part is written under a temporary name and renamed when it is on the disk, so that an existing
+part is a finished block. Its pages have Parquet's own checksums; a part with a wrong checksum
+counts as missing. The folder has a description of the work, and other work cannot continue it.
 """
 
 import io
@@ -66,7 +66,7 @@ def _rows_and_schema(table: pa.Table) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class ParquetParts:
-    """Parts of one result in the folder `name` of `out`; InputError if it is not writable."""
+    """Parts of one result in the folder `name` of `out`; InputError if `out` is not writable."""
 
     out: Path
     name: str
@@ -108,7 +108,7 @@ class ParquetParts:
             )
 
     def finished(self, number: int) -> bool:
-        """Return whether a block has a part, as it was written."""
+        """Return whether a block has an undamaged part."""
         return read_parquet(self.path(number)) is not None
 
     def damaged(self, number: int) -> bool:
@@ -128,7 +128,7 @@ class ParquetParts:
         path = self.path(number)
         with self._writing():
             if os.path.lexists(path) and not path.is_file():
-                # A pipe or a device would be written into.
+                # `write_file` would write into a pipe or a device: remove it.
                 path.unlink()
             write_file(path, parquet_bytes(table), host=self.out)
 
@@ -193,7 +193,7 @@ def differences_words(stored: object, expected: object) -> str:
 
 
 def _leaves(value: object, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Yield the path and the text of each value within a value; a list of plain values is one."""
+    """Yield path and text of each value within a value; a list of plain values is one value."""
     if isinstance(value, dict):
         for key, member in value.items():
             yield from _leaves(member, (*path, key))

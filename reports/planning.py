@@ -68,14 +68,14 @@ FILES = PAGE, DATA = "index.html", "plan.json"
 #: largest number of characters in a line of text
 LINE_CHARACTERS = 100
 
-#: Pixels of both eyes' films that confirm a plan, each in its own hogel: a minute of two cores or
-#: less.
+#: Number of pixels of both eyes' films that confirm a plan, each in its own hogel; two cores take
+#: at most a minute.
 CONFIRMED_HOGELS = 20_000
 
-#: near of timed hogels where there is no plan, over the reach
+#: near of timed hogels if there is no plan, as a share of the reach
 USUAL_NEAR_PER_REACH = 1e-3
 
-#: shares of the scanned hogels whose largest near is listed
+#: listed quantiles of the largest nears of the scanned hogels
 QUANTILES = (0.01, 0.1, 0.5, 0.9)
 
 #: Names of the constraints that may limit near.
@@ -102,9 +102,9 @@ class PlanReport(NotebookRepr):
     apertures: tuple[Aperture, ...]
     #: choice of the apertures by a scan of the plate
     auto: AutoApertures | None = None
-    #: None for a plan of some apertures
+    #: scan of the plate; None for a plan of some apertures
     scan: PlateScan | None = None
-    #: at the viewer's distance; None without a viewer
+    #: view zone at the viewer's distance; None without a viewer
     view_zone: ViewZone | None = None
     #: the plate drawn by directions; None for a plan of some apertures
     directions: DirectionsResult | None = None
@@ -142,10 +142,10 @@ class PlanReport(NotebookRepr):
 
     @property
     def near_range(self) -> tuple[float, float] | None:
-        """Least and largest near; the measured one is the largest, and cuts belong to one near."""
+        """Least and largest near. The plan measures the largest; with cuts the two are equal."""
         if self.plan.near is None:
             return None
-        # Cuts were placed for one near: a smaller one needs other cuts.
+        # Cuts were placed for one near: a smaller near needs other cuts.
         least = None if self.plan.slabs or self.buffer is None else self.buffer.smallest_near
         return min(least or self.plan.near, self.plan.near), self.plan.near
 
@@ -185,7 +185,7 @@ class PlanReport(NotebookRepr):
         return self._sentences[1]
 
     def _amiss(self, quality: Quality, sheets_named: bool = False) -> list[str]:
-        """Return the errors that exceed their limits."""
+        """Return the errors that exceed their limits, in words."""
         moved = f"displaced by {quality.displacement_p99_px:.2g} px"
         # Displacement is undefined in the plate: a figure would be wrong.
         if math.isinf(quality.displacement_p99_px):
@@ -204,7 +204,7 @@ class PlanReport(NotebookRepr):
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """Commands that draw by the plan, and that confirm it for a plate; empty without a plan."""
+        """Commands that draw by the plan and, for a plate, confirm it; empty without a plan."""
         settings, requirement = self.plan.settings, self.plan.requirement
         if settings is None:
             return ()
@@ -223,7 +223,7 @@ class PlanReport(NotebookRepr):
         return plate_command(self.scene, settings), scene_command(verb, self.scene, *words)
 
     def _film(self) -> list[str]:
-        """Return `--resolution` of a film that is drawn within a minute; none for few hogels."""
+        """Return `--resolution` for a film drawn within a minute; empty for few hogels."""
         if math.prod(self.scene.plate.hogels) <= CONFIRMED_HOGELS:
             return []
         width, height = self.scene.plate.size
@@ -295,7 +295,7 @@ class PlanReport(NotebookRepr):
         if (known := self.plan.plate) is None:
             return None
         worst = known.worst and {**asdict(known.worst), "aperture": known.worst.aperture.index}
-        # A property, which `asdict` leaves out.
+        # `asdict` leaves out properties.
         within = known.share_within_at_least
         return {**asdict(known), "share_within_at_least": within, "worst": worst}
 
@@ -380,7 +380,7 @@ class PlanReport(NotebookRepr):
         return f"{aligned(rows)}\nrounding by the model of {made.device_model}"
 
     def _said(self) -> str:
-        # The whole answer has up to ten lines.
+        # The whole answer has up to ten lines: show its first sentence.
         return self.sentence.partition(". ")[0].removesuffix(".") + "."
 
     def _facts(self) -> str:
@@ -529,9 +529,9 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
 
 
 def allowed(report: PlanReport) -> list[tuple[str, str, str, str]]:
-    """Return the range of near that each judge allows: name, ends, and whether it binds.
+    """Return the range of near that each limit allows: name, ends, and whether it binds.
 
-    An end that bounds nothing is left out.
+    An end without a bound is empty.
     """
     limits, rows = report.plan.limits, list[tuple[str, str, str, str]]()
     if limits is None:

@@ -37,14 +37,14 @@ SENTENCES = {
 
 
 def sentences(reasons: Reasons) -> Reasons:
-    """Describe reasons."""
+    """Return reasons as sentences."""
     words = {name: reason and SENTENCES[Reason(reason)] for name, reason in vars(reasons).items()}
     return Reasons(**words)
 
 
 DISPLACEMENT_TIE_PX = 1e-3
-"""Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
-pixels within 1e-3 px on meshes)."""
+"""Displacements that differ by less count as equal, because 32-bit surface positions measure
+displacement no better (99 % of pixels within 1e-3 px on meshes)."""
 
 CERTAINTY_LABELS = {
     Certainty.PROVEN: "proven in floating point",
@@ -67,15 +67,15 @@ def displacement_words(displacement_p99_px: float) -> str:
 
 def pixels(value: float) -> str:
     """Write a displacement with two digits, at least `DISPLACEMENT_TIE_PX`."""
-    # Rounding first: 99.6 is printed as 100, by the rule of large values.
+    # Round first, so that 99.6 is printed as 100, like other large values.
     rounded = float(f"{max(value, DISPLACEMENT_TIE_PX):.2g}")
     return f"{rounded:,.0f} px" if rounded >= 100 else plain(f"{rounded:.2g} px")
 
 
 def aligned(rows: Sequence[Sequence[str]], others: Callable[[str, int], str] = str.rjust) -> str:
-    """Return rows of cells as lines: the first column to the left, the others by `others`."""
+    """Return rows of cells as lines: the first column left-aligned, other columns by `others`."""
     first, *rest = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    # Names to the left, numbers to the right, unless the other columns are words.
+    # Align names to the left, and numbers to the right by default.
     cells = ([row[0].ljust(first), *map(others, row[1:], rest)] for row in rows)
     return "\n".join("  ".join(line).rstrip() for line in cells)
 
@@ -166,7 +166,7 @@ COUNTS["tracer_wrong"] = "float32 wrong"
 
 
 def selfcheck_table(check: SelfCheck) -> str:
-    """Return a self-check: a row per scene, the sphere, every disagreement, the result."""
+    """Return a self-check as text: a row per scene, the sphere, every disagreement, the result."""
     of_scene: dict[str, list[ViewCheck]] = {}
     for view in check.views:
         of_scene.setdefault(view.scene, []).append(view)

@@ -55,7 +55,7 @@ NAMES = {
 SEEN_ARCMIN = 1.0
 #: largest number of eyes with pictures in a notebook
 MAX_SHOWN_EYES = 4
-#: angle between the outermost views of a quilt, as of displays for quilts
+#: angle between the outermost views of a quilt, as on displays that show quilts
 CONE_DEGREES = 40.0
 #: largest number of tiles of a quilt
 MAX_TILES = 1 << 10
@@ -77,7 +77,7 @@ class Source:
 def drawing(
     scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] | None = None
 ) -> Source:
-    """Return hogels drawn on demand, one sample a pixel; `effects` None: all that the scene needs.
+    """Return hogels drawn on demand, one sample a pixel; by default with the effects it needs.
 
     InputError if the settings make no sense for the scene's frustum.
     """
@@ -94,7 +94,7 @@ def drawing(
 
 
 def stored_plate(path: Path, scene: Scene) -> Source:
-    """Return the hogels of a plate drawn by `xfrustum plate`; InputError for another scene's."""
+    """Return the hogels of a plate of `xfrustum plate`; InputError for another scene's plate."""
     plate = PlateReader(path)
     try:
         drawn = plate.description["scene"]
@@ -162,9 +162,9 @@ class EyeRecord:
 
     #: position, scene units
     eye: tuple[float, float, float]
-    #: resolution at the middle of its view
+    #: resolution at the middle of the eye's view
     pixels_per_degree: float
-    #: loss of the true view by replaying it (A against B)
+    #: loss by replaying the true view (A against B)
     display: loss.Loss
     #: loss by the renderer's hogels (B against C)
     renderer: loss.Loss | None
@@ -199,15 +199,15 @@ class JudgedViews(loss.Views):
 
     @property
     def images(self) -> dict[str, EyeImage]:
-        """Pictures by name; none is drawn without a renderer."""
+        """Pictures by name; `drawn` is missing without a renderer."""
         every = {name: getattr(self, name) for name in NAMES}
         return {name: image for name, image in every.items() if image is not None}
 
     def marked(self, name: str) -> Bytes:
-        """Return the picture behind `display` or `renderer` loss, wrong and moved pixels marked."""
+        """Return the picture of the `display` or `renderer` loss, wrong and moved pixels marked."""
         lost, image = getattr(self, name), self.replayed if name == "display" else self.drawn
         assert lost is not None and image is not None
-        # Share of the displacement in full color.
+        # The last argument is relative to the displacement in full color.
         return marked(shown(image), lost.wrong, lost.displacement_arcmin / SEEN_ARCMIN)
 
 
@@ -273,7 +273,7 @@ def view(
     """
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")
-    # Raises for too small a view before anything is traced.
+    # Raise for too small a view before anything is traced.
     sharpness = [loss.pixels_per_degree(scene, eye) for eye in eyes]
     reference = EyeReference(scene, effects)
     takes = [reference.replay(eye) for eye in eyes]
@@ -281,7 +281,7 @@ def view(
     drawn: Sequence[EyeImage | None] = [None] * len(eyes)
     numbered = False
     if source is not None:
-        # All eyes share one pass over the hogels, which costs most.
+        # All eyes share one pass over the hogels, the most expensive step.
         collectors = [
             loss.Collector(scene, eye, taken, source.settings)
             for eye, taken in zip(eyes, takes, strict=True)
@@ -367,11 +367,11 @@ def _address(picture: Bytes) -> str:
 def write_quilt(
     show: Callable[[Sequence[Eye]], SceneView], eye: Eye, tiles: tuple[int, int], out: Path
 ) -> tuple[ViewRecord, tuple[Path, ...]]:
-    """Write the pictures of a line of eyes as tiles of one picture each, and their numbers.
+    """Write pictures of a line of eyes as quilts, a tile for each eye, and the eyes' numbers.
 
-    The eyes lie on a parallel to the plate through `eye`, at equal steps of angle; the leftmost is
-    the tile at the bottom left. `show` is `view` with a scene and a source; it is called once for
-    each row of tiles, which bounds memory.
+    The eyes lie on a parallel to the plate through `eye`, at equal steps of angle; the leftmost eye
+    has the tile at the bottom left. `show` is `view` with a scene and a source; it is called once
+    for each row of tiles, which bounds memory.
     """
     count = tiles[0] * tiles[1]
     if min(tiles) < 1 or count > MAX_TILES:

@@ -1,4 +1,4 @@
-"""Benchmarks, as ratios within one run; each returns the JSON object that its command prints.
+"""Benchmarks: rates and their ratios within one run, as the JSON objects that the commands print.
 
 `bench truth`, `judge` and `plate` time the toolkit, plain loops and bare tracers.
 """
@@ -102,7 +102,7 @@ def film_rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
 
 
 def rate_of(amount: float, seconds: Timing) -> Timing:
-    """Return the amount per second, given the seconds that all of it took."""
+    """Return an amount per second; `seconds` is the time of the whole amount."""
     lowest, median, highest = (
         amount / each for each in (seconds.highest, seconds.median, seconds.lowest)
     )
@@ -112,7 +112,7 @@ def rate_of(amount: float, seconds: Timing) -> Timing:
 def ratios_of(
     rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]
 ) -> dict[str, float | None]:
-    """Return quotients of median rates as "one/other"; None if either does not run here."""
+    """Return quotients of median rates as "first/second"; None without either contestant."""
     return {
         f"{first}/{second}": rates[first].median / rates[second].median
         if first in rates and second in rates
@@ -161,7 +161,7 @@ def report(
 # The truth, next to tracers that prove nothing
 # ------------------------------------------------------------
 
-#: Contestants in the order of the table; likewise below
+#: meanings of the contestants, in the order of the table
 TRUTH_MEANINGS = {
     "mitsuba": "Mitsuba's bare ray_intersect_preliminary, robust, rays on the device",
     "embree": "Embree through embreex, robust, rays from NumPy: triangle numbers",
@@ -170,7 +170,7 @@ TRUTH_MEANINGS = {
     "truth": "the whole true image: also points, normals and colors, without a second opinion",
 }
 
-#: Pairs of contestants, here and below: rate of the first over rate of the second
+#: pairs of contestants (first, second), for the rate of the first over the rate of the second
 TRUTH_RATIOS = [(ours, bare) for ours in ("certified", "truth") for bare in ("mitsuba", "trimesh")]
 
 
@@ -184,9 +184,9 @@ def _mitsuba() -> str:
 def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
     """Return the contestants that this machine has, by the names in `TRUTH_MEANINGS`.
 
-    Acceleration structures and rays are made here or at the first call, which must not be timed.
-    The certified truth has no such structure: each call begins with the triangles. `mitsuba` is
-    missing if only its scalar variant is available, which traces one ray at a time.
+    Acceleration structures and rays are made here or at the first call: do not time that call. The
+    certified truth has no such structure: each call begins with the triangles. `mitsuba` is missing
+    if Mitsuba has only its scalar variant, which traces one ray at a time.
     """
     # Rays are made once, before timing begins.
     origins, directions = film_rays(scene, aperture)
@@ -286,7 +286,7 @@ def default_scenes() -> tuple[str, ...]:
 
 
 def judged_in_stream(judge: Evaluator, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
-    """Judge hogels with truths and frames made side by side."""
+    """Judge hogels in a stream, which overlaps tracing, drawing and comparing."""
     stream = judge.stream(apertures, [settings_of(judge.scene)], radiance=False)
     return [hogel.drawings[0].comparison for hogel in stream]
 
@@ -308,7 +308,8 @@ def judged_plainly(
 ) -> list[tuple[float, float]]:
     """Judge hogels as a user would with trimesh and NumPy, without proofs.
 
-    Each has the share of pixels with another object, and the 99th percentile of displacement, px.
+    Returns the share of pixels with a wrong object and the 99th percentile of displacement, px, of
+    each hogel.
     """
     scene = rasterizer.scene
     numbers = []
@@ -338,10 +339,10 @@ def benchmark_judge(
     *,
     progress: bool = False,
 ) -> Record:
-    """Measure judged hogels a second, spread over the plates of some scenes, for square films.
+    """Measure judged hogels per second on square films; the hogels are spread over each plate.
 
-    Contestants take `repeat` turns after a warm-up. InputError for a scene without triangles, and
-    without a usable OpenGL.
+    Contestants take `repeat` turns after a warm-up. InputError for a scene without triangles, or if
+    there is no usable OpenGL.
     """
     films = [[sized(scene, side) for side in resolutions] for scene in scenes]
     turns = len(scenes) * len(resolutions) * (repeat + 1) * len(JUDGE_MEANINGS)
@@ -366,7 +367,7 @@ def benchmark_judge(
 def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
     """Measure the contestants at one resolution."""
     middle, plate = scene.plate.middle, scene.plate
-    # Spread evenly over the plate, row by row; a plate with fewer hogels repeats some.
+    # Spread the hogels evenly over the plate, row by row; a plate with fewer hogels repeats some.
     numbers = np.linspace(0, math.prod(plate.hogels) - 1, hogels).astype(int).tolist()
     apertures = [
         plate.aperture(number % plate.hogels[0], number // plate.hogels[0]) for number in numbers

@@ -1,7 +1,7 @@
 """Scenes that differ only in depth: the same picture on the film, from shallow to deep.
 
-For C* objects are reflected through the aperture: no point moves on the film, but C keeps the
-nearest surface of a line and C* the farthest.
+For C*, objects are reflected through the aperture. This moves no point on the film, but C shows the
+surface nearest to the aperture along a line, and C* the farthest.
 """
 
 import math
@@ -17,31 +17,30 @@ from xfrustum.scenes.library.objects import car
 from xfrustum.scenes.shapes import place, placement
 
 REACH = 1000.0
-#: Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing.
+#: largest |z| of any surface, scene units; below the reach, which therefore cuts no surface
 FARTHEST = 0.999 * REACH
 #: ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower
 CAR_RATIO = 1.5
 #: Shift of the aperture off the middle, along both axes, as a share of the reach: cars nearer than
 #: about this distance lie outside the film of the middle aperture.
 SHIFT_PER_REACH = 0.05
-#: Shear of the recentered frustum over the film's half-extent slope, k / t, in both axes: an
-#: aperture over a corner of the screen.
+#: Shear of the recentered frustum over the slope of the film's half-extent, k / t, along both axes;
+#: at 1 the aperture lies over a corner of the screen.
 SHEAR_PER_SLOPE = 1.0
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
-#: Places of the cars, in halves of the film's half-extent: the middles of its quarters, so that
-#: none hides another at any depth; then the places in front of the plate if there are cars on both
-#: sides.
+#: Centers of the cars, in halves of the film's half-extent: the centers of the film's quarters, so
+#: that no car hides another at any depth; then the centers of the cars in front of the plate, if
+#: there are cars on both sides.
 _QUARTERS, _BETWEEN_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1)), ((-1, 0), (1, 0))
-#: Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a
-#: row of the plate in which its body crosses the plate; and the depth of the screen of
-#: `car-recentered`, in millimeters.
+#: Reach (mm) and full angle of the built-in scene `car`; the y (mm) of a row of the plate in which
+#: the car's body crosses the plate; and the depth (mm) of the screen of `car-recentered`.
 _CAR_REACH, _CAR_FOV, _CAR_ROW, _CAR_SCREEN = 150.0, math.radians(60), -10.0, 60.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeenScene:
-    """A scene, and the aperture that it is seen from."""
+    """A scene and the aperture from which it is seen."""
 
     scene: Scene
     aperture: Aperture
@@ -50,15 +49,15 @@ class SeenScene:
 def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
     """Return cars at geometric distances before (`C_STAR`) or behind the plate (`C`).
 
-    Each fills a quarter of the film and is scaled about the aperture, which keeps its picture. The
-    farthest surface lies at `FARTHEST`, the nearest at the ratio's part of that. Raises InputError
-    below `CAR_RATIO`.
+    Each car fills a quarter of the film. It is scaled about the aperture, so that its picture stays
+    the same. The farthest surface lies at `FARTHEST`, the nearest at `FARTHEST` / `ratio`. Raises
+    InputError below `CAR_RATIO`.
     """
     return _scene(f"cars of depth {ratio:g}", resolution, _cars(ratio, camera, _QUARTERS))
 
 
 def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
-    """Return `cars` behind the plate and two before it, at the same |z|, that hide parts."""
+    """Return `cars` behind the plate, partly hidden by two cars before it at the same |z|."""
     objects = _cars(ratio, Camera.C, _QUARTERS) + _cars(ratio, Camera.C_STAR, _BETWEEN_QUARTERS)
     scene = _scene(f"cars of depth {ratio:g} on both sides", resolution, objects)
     return SeenScene(scene=scene, aperture=scene.plate.middle)
@@ -67,7 +66,7 @@ def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
 def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle: bool) -> SeenScene:
     """Return `cars` behind the plate, seen from an aperture off the middle or the middle one.
 
-    From the middle, the nearest cars lie beside the film.
+    Seen from the middle aperture, the nearest cars lie outside the film.
     """
     shift = SHIFT_PER_REACH * REACH
     # The aperture at the top right is one cell, the whole shift, from the middle one.
@@ -82,7 +81,7 @@ def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle:
 def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
     """Return `cars` behind the plate, sheared so that a recentered frustum shows their picture.
 
-    The screen lies among the cars at `balanced_height`, the aperture over its corner
+    The screen lies among the cars, at `balanced_height`; the aperture lies over the screen's corner
     (`SHEAR_PER_SLOPE`).
     """
     height, slope = balanced_height(ratio), math.tan(_FOV / 2)
@@ -106,10 +105,10 @@ def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
 
 
 def balanced_height(ratio: float) -> float:
-    """Return the |z| of a fit that displaces nearest and farthest cars alike, scene units.
+    """Return the |z| of a fit that displaces nearest and farthest cars equally, scene units.
 
-    A fit to zf displaces by u W/2 n |1/|z| - 1/zf|, to first order in n: alike where 1/zf is the
-    mean of both 1/|z|.
+    To first order in n, a fit to zf displaces points by u W/2 n |1/|z| - 1/zf|. The two
+    displacements are equal if 1/zf is the mean of the two values of 1/|z|.
     """
     return 2 * FARTHEST / (ratio + 1)
 
@@ -117,15 +116,15 @@ def balanced_height(ratio: float) -> float:
 def car_through_plate(
     distance: float, resolution: tuple[int, int], *, recentered: bool = False
 ) -> SeenScene:
-    """Return the built-in car, seen from an aperture beside where its body crosses the plate.
+    """Return the built-in car, seen from an aperture beside its body's crossing with the plate.
 
-    `distance` is that along x, as a share of the reach. Recentered, the car is sheared so that a
-    recentered frustum, with the aperture over a corner of the screen, shows the picture of the
-    centered one; the shear keeps where the car crosses the plate.
+    `distance` is the distance from the crossing along x, as a share of the reach. If `recentered`,
+    the car is sheared so that a recentered frustum, with the aperture over a corner of the screen,
+    shows the picture of the centered frustum. The shear does not move the crossing.
     """
     size = REACH / _CAR_REACH
     parts, y = _moved(car(), lambda points: size * points), _CAR_ROW * size
-    # The edges of triangles that cross the plate, z = 0, and where they do.
+    # Find the points where edges of triangles cross the plate, z = 0.
     triangles = np.concatenate([part.vertices[part.faces] for part in parts])
     starts, ends = triangles.reshape(-1, 3), np.roll(triangles, -1, axis=1).reshape(-1, 3)
     crosses = (starts[:, 2] < 0) != (ends[:, 2] < 0)
@@ -133,8 +132,8 @@ def car_through_plate(
         starts[:, 2], starts[:, 2] - ends[:, 2], out=np.zeros(len(starts)), where=crosses
     )
     points = starts[:, :2] + share[:, None] * (ends - starts)[:, :2]
-    # A triangle crosses the plate along a segment between two of its edges: the outermost x in that
-    # row.
+    # A triangle crosses the plate along a segment between two of its edges. The largest x of these
+    # segments in the row is the outermost one.
     low, high = points[crosses].reshape(-1, 2, 2).transpose(1, 0, 2)
     across = (low[:, 1] < y) != (high[:, 1] < y)
     low, step = low[across], (high - low)[across]
@@ -158,7 +157,7 @@ def car_through_plate(
 
 
 def empty_scene(resolution: tuple[int, int]) -> Scene:
-    """Return plate and frustum of the family, with nothing in it; W, H of the film."""
+    """Return plate and frustum of the family without objects; `resolution` is W, H of the film."""
     return _scene("empty", resolution, [])
 
 
@@ -173,11 +172,11 @@ def _moved(parts: Sequence[SceneObject], move: Callable[[Floats], Floats]) -> li
 
 @lru_cache(8)
 def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -> list[SceneObject]:
-    """Return cars at geometric distances, the farthest first, each in a place on the film."""
+    """Return cars at geometric distances, the farthest first, each centered on one of `places`."""
     if not (math.isfinite(ratio) and ratio >= CAR_RATIO):
         raise InputError(f"the depth of a scene of cars must be at least {CAR_RATIO}, not {ratio}")
-    # A car on the axis, seen from above a corner: its nearest point is put at |z| = x such that the
-    # farthest lies at CAR_RATIO x; then all is scaled.
+    # Place a car on the axis, seen from above a corner, with its nearest point at the |z| = x for
+    # which its farthest point lies at CAR_RATIO x; then scale the car.
     turned = [place(part, placement(rotate_deg=(25.0, 20.0, 0.0))) for part in car()]
     corners = np.concatenate([part.vertices for part in turned])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -191,8 +190,8 @@ def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -
     for at, scale in zip(
         places, np.geomspace(1.0, CAR_RATIO / ratio, len(places)).tolist(), strict=True
     ):
-        # The shift that brings the picture to the middle of its place. Depths differ by half at
-        # most, so that each step leaves less than half of the distance.
+        # Find the shift that centers the car's picture on its place. Depths of a car differ by half
+        # at most, so that each step leaves less than half of the distance.
         shift, middle = np.zeros(3), np.array(at) * math.tan(_FOV / 2) / 2
         for _ in range(60):
             seen = (corners[:, :2] + shift[:2]) / -corners[:, 2:]

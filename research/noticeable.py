@@ -28,13 +28,14 @@ from xfrustum.scenes.representation import digits
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
-#: viewing distance in the summary, mm: an arm's length, as of a reader from a page
+#: viewing distance in the summary, mm: an arm's length, as in reading a page
 USUAL_DISTANCE = 600.0
-#: smallest change at which replay and closed form are compared: a twentieth of stereo acuity
+#: smallest predicted change of disparity at which a replay is compared, a twentieth of stereo
+#: acuity
 SEEN_ARCSEC = 1.0
 
-#: Number of pixels of which one may be wrong by depth: the exact bound of Clopper and Pearson at
-#: 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. For none, 2,995 would do.
+#: Number of replayed pixels. If one pixel is wrong by depth, the exact bound of Clopper and Pearson
+#: at 95 % is at most `tolerances.MAX_DEPTH_WRONG`, 0.1 %. If none is, 2,995 pixels would suffice.
 PIXELS = 4742
 
 
@@ -83,7 +84,7 @@ class Replay:
     replayed_wrong: float | None = None
     #: share of pixels with wrong surfaces that are right with exact depth
     replayed_depth_wrong: float | None = None
-    #: number of pixels of which these are shares
+    #: number of pixels to which the shares refer
     replayed_pixels: int | None = None
 
 
@@ -100,19 +101,19 @@ class Row(Replay, Cell):
     crack_hidden_by: str
     #: smallest separation that the depth buffer orders at the farthest visible surfaces
     ordered_separation: float
-    #: smallest separation there that both the viewer and the display resolve
+    #: smallest separation at these surfaces that both the viewer and the display resolve
     resolved_separation: float
     resolved_by: str
     #: p99 of displacement, pixels; None if surfaces pass through the aperture
     pixels_median: float | None
     pixels_worst: float | None
-    #: share of the apertures that are displaced by more than `TOLERANCE_PX`
+    #: share of apertures whose displacement exceeds `TOLERANCE_PX`
     pixels_beyond: float
     #: separation required by `plan` without a viewer
     asked_separation: float
-    #: from the eyes to the nearest surface in front of the plate, or to the plate
+    #: distance from the eyes to the nearest surface in front of the plate, or to the plate
     nearest_distance: float
-    #: the frustum is recentered, and the pivot is `aperture`
+    #: whether the frustum is recentered and the pivot is `aperture`
     sheared: bool
 
     @property
@@ -128,7 +129,7 @@ class Study:
 
     scenes: tuple[
         tuple[str, tuple[Pivot, ...]], ...
-    ]  # names, and the pivots that each is drawn with
+    ]  # names of scenes, with the pivots of each scene
     nears: tuple[float, ...]
     buffers: tuple[tuple[DepthFormat, DepthMapping], ...]
     pitches: tuple[float, ...]
@@ -145,7 +146,7 @@ class Study:
                 yield Cell(name, pitch, distance, near, *buffer, pivot)
 
     def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
-        """Return the indices of replayed cells: with `replayed_nears`, and decisive ones.
+        """Return the indices of replayed cells: decisive cells, and cells with `replayed_nears`.
 
         The largest near whose offset is not noticed decides a case: larger nears are noticed, and
         with smaller nears more pixels are wrong by depth.
@@ -202,7 +203,7 @@ def _displacements(name: str, near: float, pivot: Pivot) -> Any:
 
 
 def predicted(cell: Cell) -> Row:
-    """Return the answers of the closed forms to a cell."""
+    """Return the row of a cell by closed forms, without a replay."""
     scouted, display, settings = (
         _scouted(cell.scene),
         noticeable.Display.from_scene(cell.opened()),
@@ -270,7 +271,7 @@ def make_study(
     *,
     progress: bool = False,
 ) -> StudyFiles | None:
-    """Make a study, closed forms in this process, and write its document and data.
+    """Make a study and write its document and data; this process evaluates the closed forms.
 
     A block of replays that is in the folder already, from the same libraries and device, is not
     made again. Returns None if other parts of a job array are not replayed yet.
@@ -339,7 +340,7 @@ def rule_near(distance: float) -> float:
 def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
     """Return the near at which an increasing field reaches its limit, interpolated in logarithms.
 
-    None if the smallest near is beyond it already, infinite where the largest is not.
+    None if the smallest near already exceeds the limit, infinite if the largest near does not.
     """
     line = sorted({row.near: row for row in rows}.values(), key=lambda row: row.near)
     ratios = [math.inf if (value := getattr(row, name)) is None else value / limit for row in line]
@@ -356,7 +357,7 @@ def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
 
 
 def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return the largest unnoticed nears, mm, of every scene and pivot, and limits by pixels."""
+    """Return the largest unnoticed nears, mm, of each scene and pivot, and the limits by pixels."""
     limits = []
     for scene, pivot in dict.fromkeys((row.scene, row.pivot) for row in rows):
         own = [row for row in rows if (row.scene, row.pivot) == (scene, pivot)]
@@ -377,8 +378,8 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
     """Return the failures of the rule near <= pitch / 4 at every distance.
 
-    `near` and `pitch` are the largest that are not noticed; of `kept` plates and nears `failed` are
-    noticed.
+    `near` is the largest unnoticed near, `pitch` the largest pitch whose quarter is unnoticed. The
+    rule allows `kept` combinations of plate and near; viewers notice `failed` of these.
     """
     results = []
     for distance in sorted({row.distance for row in rows}):
@@ -390,7 +391,7 @@ def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
 
 
 def disagreement(rows: Sequence[Row]) -> dict[str, int]:
-    """Count settings beyond the limit of pixels, of eyes, of both or of neither, in closed form."""
+    """Count settings beyond the limit of pixels, of eyes, of both or of neither, by formula."""
     own = {(r.scene, r.pivot, r.pitch, r.distance, r.near): r for r in rows}.values()
     seen = [
         (row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen)

@@ -1,8 +1,8 @@
-"""Museum of wrong hits: six kinds of reports about ray tracers, rebuilt with data of our own.
+"""Museum of wrong hits: six reported failures of ray tracers, reproduced with our own data.
 
     python -c "from xfrustum.research.rays import museum_table; print(museum_table())"
 
-Integers decide the exact answers on every pair of a ray and a triangle, without any search.
+Integer arithmetic decides every pair of a ray and a triangle exactly, without a search structure.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,7 +44,7 @@ class Exhibit:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Numbers of rays, and of wrong answers of each contestant; None for one that is missing."""
+    """Number of rays, and of wrong answers of each contestant; None for a missing contestant."""
 
     name: str
     reports: str
@@ -164,7 +164,7 @@ def _judged(exhibit: Exhibit) -> Verdict:
 
 
 def _exact(triangles: Floats, origin: Floats, direction: Floats) -> list[list[int]]:
-    """Return the triangles of each place along a ray, nearest first, by integers alone."""
+    """Return the triangles at each hit point along a ray, nearest first, by integer arithmetic."""
     count = len(triangles)
     tiled = (np.tile(vector, (count, 1)) for vector in (origin, direction, [0.0, np.inf]))
     decided = meet(np.array(triangles), *tiled)
@@ -175,7 +175,7 @@ def _exact(triangles: Floats, origin: Floats, direction: Floats) -> list[list[in
 
 
 def _misses(first: Indices | Numbers, right: list[list[list[int]]]) -> int:
-    """Return the number of rays whose first triangle is not among the exact ones."""
+    """Return the number of rays whose first triangle is not an exact first triangle."""
     return sum(
         number not in (places[0] if places else [-1])
         for number, places in zip(first.tolist(), right, strict=True)

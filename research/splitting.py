@@ -1,8 +1,8 @@
-"""`xfrustum study splitting`: scenes, nears and depth buffers for which one pair is enough.
+"""`xfrustum study splitting`: scenes, nears and depth buffers for which one frustum pair is enough.
 
-A cell is one judged picture: a scene of `scenes.library.depth_family` through one aperture, drawn
-with one near and one depth buffer. It also contains a pair of sheets at the far end of its side,
-which tests whether the depth buffer orders them. All lengths are shares of the reach.
+A cell is one judged picture: a scene of `research.depth_family` through one aperture, drawn with
+one near and one depth buffer. A cell also measures two close sheets at the far end of its side of
+the plate, to test whether the depth buffer orders them. All lengths are shares of the reach.
 """
 
 import math
@@ -44,9 +44,9 @@ DEFAULT_FOLDER = Path("study") / "splitting"
 SIDES = (Camera.C, Camera.C_STAR)
 AS_IN_THE_PAPER: Drawing = (Pivot.APERTURE, None, Offset.PLATE)
 
-#: distances of two sheets
+#: distances between two sheets
 SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-#: smallest distance of two surfaces at the far end whose order a depth buffer must keep
+#: smallest distance between two surfaces whose order a depth buffer must keep at the far end
 ASKED_SEPARATION = 1e-3
 
 #: number of cells along each side of the film of sheets, and of pixels along each side of a cell
@@ -55,33 +55,33 @@ SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4
 SHEET_PHASE = 0.05
 SHEET_HEIGHT = FARTHEST / (
     1 + SHEET_PHASE
-)  # mean |z|: the cells of the farther one end at the farthest surface
+)  # mean |z| of the farther sheet: its cells lie at `FARTHEST` at most
 
-#: Percentile of the visible |z| that counts as the nearest surface: nearer surfaces are a hundredth
-#: of the picture, which the 99th percentile of displacement leaves out.
+#: Percentile of visible |z| that counts as the nearest surface. Nearer surfaces fill a hundredth of
+#: the picture, and the 99th percentile of displacement leaves them out.
 NEAREST_PERCENTILE = 1
 
-#: largest number of slabs on one side that is tried for a case
+#: largest number of cuts on one side of the plate that are tried for a case
 MAX_SLABS = 6
 #: height of the first cut over the nearest |z|: just under one, so that the first slab is empty
 FIRST_CUT_PER_NEAREST = 0.99
 _LEAST_NEAR, _LARGEST_NEAR = (
     1e-12,
     0.5,
-)  # between them lies the smallest near that orders a separation
+)  # bounds of the smallest near that orders a separation
 
 
 class Family(StrEnum):
     """Kinds of scenes; each but the first changes one thing of the first."""
 
-    # cars on one side of the plate, as the middle aperture of a centered frustum sees
+    # cars on one side of the plate, as the middle aperture of a centered frustum sees them
     ONE_SIDE = "one side"
     BOTH_SIDES = "both sides"  # cars on both sides at once
-    OFF_MIDDLE = "off the middle"  # the first as an aperture off the middle sees it
-    IN_MIDDLE = "in the middle"  # the same scene as the middle aperture sees it
-    RECENTERED = "recentered"  # the picture of the first through a sheared frustum
+    OFF_MIDDLE = "off the middle"  # cars of ONE_SIDE, as an aperture off the middle sees them
+    IN_MIDDLE = "in the middle"  # scene of OFF_MIDDLE, as the middle aperture sees it
+    RECENTERED = "recentered"  # the picture of ONE_SIDE through a sheared frustum
     THROUGH = "through the plate"  # a car that runs through the plate
-    RECENTERED_THROUGH = "recentered, through the plate"  # the same through a sheared frustum
+    RECENTERED_THROUGH = "recentered, through the plate"  # the same car, sheared frustum
 
 
 _CROSSING = {Family.THROUGH, Family.RECENTERED_THROUGH}
@@ -91,9 +91,9 @@ _CROSSING = {Family.THROUGH, Family.RECENTERED_THROUGH}
 class Case:
     """A scene, an image and a depth buffer, before near and slabs are chosen.
 
-    `side` is that with content, by the one camera that sees it, or `BOTH`. `ratio` is the depth of
-    the scene, farthest to nearest |z| of its surfaces; where a surface runs through the plate it is
-    the reach over the aperture's distance from there.
+    `side` is the camera that sees the content, or `BOTH`. `ratio` is the depth of the scene:
+    farthest over nearest |z| of its surfaces. If a surface runs through the plate, `ratio` is the
+    reach over the distance between the aperture and the crossing.
     """
 
     family: Family
@@ -113,7 +113,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Cell(Case):
-    """One picture of the study: a case with a near and the heights of slabs."""
+    """One picture of the study: a case with a near and the heights of cuts."""
 
     near: float
     slabs: tuple[float, ...] = ()
@@ -129,7 +129,7 @@ class Cell(Case):
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Cell):
-    """A cell, its picture judged, and the sheets at the far end of its side (docs/answers.md)."""
+    """A cell with measures of its picture and of the sheets at the far end (docs/answers.md)."""
 
     judged: int
     covered: int
@@ -160,7 +160,7 @@ def part_of(row: Case, kind: type[Kind], **changed: Any) -> Kind:
 
 @dataclass(frozen=True)
 class Grid:
-    """Every combination of these, with each of some nears, is one cell of one family."""
+    """Values of one family; each combination of these values with a near is a cell."""
 
     family: Family
     sides: tuple[Camera, ...]
@@ -170,7 +170,7 @@ class Grid:
     drawings: tuple[Drawing, ...] = (AS_IN_THE_PAPER,)
 
     def blocks(self, nears: Sequence[float]) -> Iterator[tuple[Cell, ...]]:
-        """Yield the cells of each picture by drawing and near: these share a control."""
+        """Yield the cells of each picture; neighbors differ in the depth buffer, then in near."""
         for picture in product((self.family,), self.sides, self.ratios, self.resolutions):
             drawn = product(self.drawings, nears, self.buffers)
             yield tuple(
@@ -178,12 +178,12 @@ class Grid:
             )
 
 
-#: nears, from the largest down, and grids
+#: nears in descending order, and grids
 Study = tuple[tuple[float, ...], tuple[Grid, ...]]
 
 _DEPTHS = (1.5, 10.0, 100.0, 1000.0)
-#: Depth buffers of all families but the first: all that need no depth from the fragment shader, and
-#: one that does. Depths equal those in the first family for the same |z| and near.
+#: Depth buffers of all families but the first: four that need no depth from the fragment shader,
+#: and one that does. Few suffice: equal |z| and near give equal depths in all families.
 _BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -227,7 +227,7 @@ QUICK: Study = (
 
 
 def seen_scene(cell: Cell) -> depth_family.SeenScene:
-    """Return the scene of a picture, and the aperture that it is seen from."""
+    """Return the scene and the aperture of a cell's picture."""
     ratio, resolution = cell.ratio, (cell.resolution, cell.resolution)
     match cell.family:
         case Family.ONE_SIDE:
@@ -245,18 +245,18 @@ def seen_scene(cell: Cell) -> depth_family.SeenScene:
 
 
 def measure(cells: Sequence[Cell]) -> Iterator[Row]:
-    """Yield the rows of cells that share one picture, whose truth is traced once."""
+    """Yield the rows of the cells of one picture; the picture's truth is traced once."""
     seen = seen_scene(cells[0])
     scene, aperture, reference = seen.scene, seen.aperture, Reference(seen.scene)
     truth = reference.trace(aperture)
-    # Depths of visible surfaces as shares of the reach, for the closed forms.
+    # |z| of visible surfaces as shares of the reach
     heights = np.abs(truth.height[truth.covered].astype(np.float64)) / REACH
     sheets = _misordered(cells)
     with Rasterizer(scene) as rasterizer:
         exact: DoubleFrustum | None = None
         for cell in cells:
             if with_exact_depth(cell.settings) != exact:
-                # Errors at pixels that are right with exact depth are charged to the depth buffer.
+                # The control frame has exact depth.
                 exact = with_exact_depth(cell.settings)
                 control = rasterizer.render(aperture, exact, normals=False, color=False)
                 control_wrong = surface_errors(truth, control, reference).wrong & judged_pixels(
@@ -267,16 +267,16 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
             judged = compare_images(truth, drawn, reference)
             wrong, spread = judged.maps.surface, judged.displacement_px
             assert wrong is not None and judged.surface is not None
-            # Wrong with this depth buffer and right with exact depth: charged to depth.
+            # A pixel that is right with exact depth is charged to the depth buffer.
             by_depth = wrong & ~control_wrong
             moved = lengths(judged.maps.displacement)[drawn.off_plate]
             own = _sheets_of(cell)
-            # The worst of the sheets of several cameras counts.
+            # With several cameras the worst sheets count.
             misordered = [
                 max(shares) for shares in zip(*(sheets[part] for part in own), strict=True)
             ]
             graded = zip(SEPARATIONS, misordered, strict=True)
-            # Separations fall: the last ordered one before the first failure counts.
+            # Separations descend: the last ordered separation before the first failure counts.
             ordered = takewhile(lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, graded)
             yield Row(
                 **vars(cell),
@@ -301,7 +301,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
 
 
 def _sheets_of(cell: Cell) -> list[Cell]:
-    """Return cells of the sheets of each camera, which depend on neither shear nor fit."""
+    """Return a cell for the sheets of each camera; sheets depend on neither shear nor fit."""
     plain = {
         "family": Family.ONE_SIDE,
         "ratio": 1.0,
@@ -318,12 +318,12 @@ def _camera(sheets: Cell) -> tuple[Camera, float]:
     return sheets.side, 0.0 if sheets.slabs or sheets.offset is Offset.NONE else sheets.near
 
 
-#: Sheets measured by this process, which cells of many pictures share
+#: sheets that this process has measured; cells of many pictures share them
 _MISORDERED: dict[Cell, tuple[float, ...]] = {}
 
 
 def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
-    """Return the share of pixels that do not show the right sheet, for each of `SEPARATIONS`."""
+    """Return the shares of pixels with the wrong sheet at each of `SEPARATIONS`, by sheets."""
     missing = {sheets for cell in cells for sheets in _sheets_of(cell)} - _MISORDERED.keys()
     for _, group in groupby(sorted(missing, key=_camera), key=_camera):
         shares: dict[Cell, list[float]] = {sheets: [] for sheets in group}
@@ -337,9 +337,9 @@ def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
 
 
 def _film(sheets: Cell, separation: float) -> SheetFilm:
-    """Return one pair of sheets at the far end of a side, which covers the film.
+    """Return the film of one pair of sheets, which cover it at the far end of a side.
 
-    The sheet that must not show comes first, so that equal depths show it.
+    The hidden sheet is drawn first, so that equal depths show it.
     """
     scene = depth_family.empty_scene((SHEET_CELLS, SHEET_CELLS))
     cameras = model_cameras(scene.frustum, scene.plate.middle, sheets.settings)
@@ -385,9 +385,9 @@ def make_study(
 
 
 def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> list[Row]:
-    """Measure one slab, then two, and so on, until it is enough, where no near is."""
+    """Measure cases for which no near is enough with one cut, two cuts, and so on."""
     measured: list[Row] = []
-    # Slabs have no gap at the plate: they are drawn with the offset.
+    # Only cases with the offset are split, because slabs leave no gap at the plate.
     unserved = {case for case, outcome in outcomes(rows).items() if not outcome.nears}
     failed = {case for case in unserved if case.offset is Offset.PLATE}
     first = {case: row for row in reversed(rows) if (case := part_of(row, Case)) in failed}
@@ -395,7 +395,7 @@ def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> lis
     for count in range(1, MAX_SLABS + 1):
         cells = [_cut(row, rows, count) for row in cases]
         blocks = [tuple(group) for _, group in groupby(cells, key=lambda cell: cell.picture)]
-        # Cells that follow from all rows are measured by the process that has all of them.
+        # These cells depend on all rows: this process, which has all rows, measures them.
         tried = sweep.rows(blocks, workers, Part(), progress=progress and bool(blocks))
         assert tried is not None
         measured += tried
@@ -404,12 +404,12 @@ def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> lis
 
 
 def _cut(row: Row, rows: Rows, count: int) -> Cell:
-    """Return a case with `count` cuts, in equal ratios, from the first one up to the reach.
+    """Return a cell with `count` cuts, in equal ratios from the first cut up to the reach.
 
-    The first cut lies just under the nearest surface, so that the slab that touches the plate is
-    empty. Where a surface runs through the plate that slab never is: then the near is the largest
-    that does not bend in one pair, whatever depth buffer drew it, and it, the cuts and the reach
-    form one sequence.
+    The first cut lies just under the nearest surface, so that the slab next to the plate is empty.
+    If a surface runs through the plate, that slab is never empty: near, cuts and reach then form
+    one geometric sequence from the largest near at which one pair is not bent, whatever the depth
+    buffer.
     """
     if row.family in _CROSSING:
         alike = [
@@ -418,7 +418,7 @@ def _cut(row: Row, rows: Rows, count: int) -> Cell:
         near = max(straight_nears(alike), default=min(r.near for r in alike))
         cuts = np.geomspace(near, 1.0, count + 2)[1:-1]
     else:
-        # The first slab is empty: its near offset displaces nothing.
+        # The first slab is empty, so that its near offset displaces no surface.
         near = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
         cuts = np.geomspace(near, 1.0, count + 1)[:-1]
     return part_of(row, Cell, near=near, slabs=tuple(map(float, cuts)))
@@ -436,19 +436,19 @@ class Suitability(StrEnum):
 def suitability(row: Row, *, predicted: bool = False) -> Suitability:
     """Return the suitability of a cell by its measures, or by closed forms alone.
 
-    A cell is bent if displacement exceeds `TOLERANCE_PX`, as measured or in closed form: points
-    displaced out of the film are not drawn. Without an offset, points clipped by the near plane
-    count as displaced. A cell is starved if more than `MAX_DEPTH_WRONG` of the pixels show a wrong
-    surface because of depth, or if sheets `ASKED_SEPARATION` apart at the far end are not ordered.
+    A cell is bent if measured or predicted displacement exceeds `TOLERANCE_PX`. The prediction
+    counts because points displaced out of the film are not drawn and not measured. Without an
+    offset, points clipped by the near plane count as displaced. A cell is starved if more than
+    `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of depth, or if sheets
+    `ASKED_SEPARATION` apart at the far end are not ordered.
     """
     bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
-    # The nearest |z| of a row is the |z| of the nearest hundredth of its points.
-    # Surfaces nearer than near are clipped.
+    # Surfaces nearer than near are clipped; `nearest` leaves out the nearest hundredth of points.
     bent = bent or (row.offset is Offset.NONE and row.nearest < row.near)
     if predicted:
         starved = row.predicted_separation > ASKED_SEPARATION
     else:
-        # Without any measured displacement, all surfaces were lost by depth.
+        # If no displacement is measured, depth has lost all surfaces.
         bent = bent or (row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX)
         starved = (
             row.depth_wrong / row.judged > MAX_DEPTH_WRONG
@@ -460,11 +460,11 @@ def suitability(row: Row, *, predicted: bool = False) -> Suitability:
 
 
 class Outcome(NamedTuple):
-    """Settings of a case for which one pair of frusta, or the fewest slabs, are enough."""
+    """Nears with which one pair of frusta is enough for a case, and the fewest cuts."""
 
     #: nears for which one pair of frusta is enough, largest first
     nears: tuple[float, ...]
-    #: heights of the fewest slabs that are enough; None if no slabs are
+    #: heights of the fewest cuts that are enough; None if no tried cuts are enough
     slabs: tuple[float, ...] | None
 
 
@@ -564,17 +564,17 @@ def of_family(rows: Iterable[Row], family: Family) -> list[Row]:
 
 
 def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, ...]:
-    """Return the largest measured near and all nears below it down to a gap, largest first."""
+    """Return the largest of some nears and all nears below it down to a gap, largest first."""
     chosen = set(nears)
     from_largest = dropwhile(lambda near: near not in chosen, sorted(measured, reverse=True))
     return tuple(takewhile(lambda near: near in chosen, from_largest))
 
 
 def least_near(buffer: DepthBuffer) -> float | None:
-    """Return the smallest near that orders `ASKED_SEPARATION` at the reach, a share of it.
+    """Return the smallest near, as a share of the reach, that orders `ASKED_SEPARATION` there.
 
-    By the closed form, in units in which the reach is one, where 32-bit numbers are coarsest for
-    their size; None if even a trillionth of the reach does.
+    By the closed form with a reach of one: float32 is relatively coarsest just above a power of
+    two. None if even a trillionth of the reach orders the separation.
     """
 
     def excess(logarithm: float) -> float:
@@ -587,14 +587,14 @@ def least_near(buffer: DepthBuffer) -> float | None:
 
 
 def agreement(rows: Rows) -> dict[str, float]:
-    """Set closed forms beside all rows of one pair of frusta.
+    """Compare closed forms with all rows of one pair of frusta.
 
-    `same` of the settings (`cells`) are measured as by closed forms; of the others some nears are
-    not enough between two that are (`in_gaps`). `lowest` and `highest` are measured over predicted
-    displacement, where a tenth to ten times the tolerance is predicted and depth does no harm. The
-    rule of thumb (`same_by_rule`): displacement is largest in the film's corner, W / 2 sqrt(2) n /
-    (|z| + n), and stays under the tolerance for n up to about sqrt(2) TOLERANCE_PX |z| / W, which
-    must not be less than `least_near`.
+    Measures and closed forms agree for `same` of the `cells`. The others include `in_gaps` cells in
+    a gap: a near that is not enough between two nears that are. `lowest` and `highest` are ratios
+    of measured to predicted displacement, for predictions of a tenth to ten times the tolerance and
+    without harm by depth. `same_by_rule` cases agree with a rule of thumb: displacement is largest
+    in the film's corner, W / 2 sqrt(2) n / (|z| + n), and stays within the tolerance for n up to
+    about sqrt(2) TOLERANCE_PX |z| / W; one pair is enough if this limit is at least `least_near`.
     """
     single, results = [row for row in rows if not row.slabs], outcomes(rows)
     measured = {row.near for row in single}
@@ -605,7 +605,7 @@ def agreement(rows: Rows) -> dict[str, float]:
         if outcome.nears and outcome.nears[-1] < near < outcome.nears[0]
     }
     gap_nears, gap_buffers = {near for near, _ in gaps}, {buffer for _, buffer in gaps}
-    # If any near is enough, the smallest near counts as zero.
+    # If every near orders the separation, the smallest near counts as zero.
     least = {
         buffer: least_near(buffer) or 0.0 for buffer in dict.fromkeys(row.buffer for row in rows)
     }
@@ -636,9 +636,9 @@ def agreement(rows: Rows) -> dict[str, float]:
 def helps(rows: Rows) -> list[dict[str, Any]]:
     """Return numbers of cases that each remedy helps in each family, in the order of the rows.
 
-    `cases` are drawn as in the paper; in `one_pair` of them one pair is enough. The other numbers
-    are cases without enough that another depth buffer serves, a fit at the screen, no offset (None
-    if not drawn), and slabs, with at most `most_slabs` cuts.
+    `cases` are drawn as in the paper; for `one_pair` of them one pair is enough. The other numbers
+    count remaining cases that are served by another depth buffer, by a fit at the screen, by no
+    offset (None if not drawn), and by slabs, with at most `most_slabs` cuts.
     """
     results, entries = outcomes(rows), []
 
@@ -669,10 +669,10 @@ def helps(rows: Rows) -> list[dict[str, Any]]:
 
 
 def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[str, ...]]]]:
-    """Return the table of advice: columns of alike depth buffers, and lines by resolution, depth.
+    """Return the table of advice: columns of depth buffers with equal advice, lines by scene.
 
-    Advice serves both sides: nears that are enough on each, else the cuts of the side that needs
-    more.
+    Advice serves both sides of the plate: nears that are enough on both sides, else the cuts of the
+    side that needs more cuts.
     """
     results = outcomes(rows)
     kinds = sorted({(case.resolution, case.ratio) for case in results})
@@ -713,7 +713,7 @@ COLORS = {
 
 
 def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:
-    """Return title and rows of each map by name: one for each side, two further maps."""
+    """Return title and rows of each map, by name: a map for each side, and two further maps."""
     maps: dict[str, tuple[str, list[Row]]] = {}
     for row in rows:
         name, title = "families", "Other scenes"
@@ -745,7 +745,7 @@ def svg(title: str, rows: Rows) -> str:
 
 
 def panels(rows: Rows) -> list[list[dict[str, Any]]]:
-    """Return the panels of a map by row: a line of colors for each buffer, largest near first."""
+    """Return rows of panels of a map: a line of colors for each buffer, largest near first."""
     all_panels: dict[tuple[object, ...], list[dict[str, Any]]] = {}
     pictures: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:

@@ -1,8 +1,8 @@
-"""Cells of a study, measured in blocks that are kept as they come, and rows of a study as Parquet.
+"""Measurement of a study's cells in blocks, each stored when finished, and study rows as Parquet.
 
-A cell is one question of a study, a block the cells that share the costliest images. The rows of a
-block are one Parquet file, named by its cells and their origin: a stopped study goes on with the
-blocks whose files are missing.
+A cell is one question of a study; a block consists of the cells that share the costliest images.
+The rows of a block are one Parquet file. Its name depends on cells and origin. A stopped study
+continues with the blocks whose files are missing.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def measured_by() -> Origin:
 
 
 def write_rows(kind: type[Row], rows: Sequence[Row], origin: Origin, path: Path) -> None:
-    """Write rows of one dataclass, with versions and device as columns of constants."""
+    """Write rows of one dataclass, with versions and device as constant columns."""
     # Constant columns cost little in Parquet, and keep rows self-contained.
     table, common = table_of(kind, rows), table_of(Origin, [origin] * len(rows))
     for column in common.schema:
@@ -84,7 +84,7 @@ def read_rows(kind: type[Row], path: Path) -> tuple[tuple[Row, ...], Origin]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep(Job):
-    """Blocks of cells of one study: tuples of dataclasses, each measured as one `row`."""
+    """Blocks of one study: tuples of cells (dataclasses), each measured as one `row`."""
 
     unit: ClassVar[str] = "cell"
 
@@ -98,19 +98,19 @@ class Sweep(Job):
     def from_measure(
         cls, study: str, out: Path, row: type[Any], measure: Callable[..., Iterable[Any]]
     ) -> Sweep:
-        """Return the work of a study, its blocks kept in its folder, measured by this process."""
+        """Return the job of a study, with its folder of blocks and the origin of this process."""
         folder = out.absolute() / BLOCKS
         return cls(study=study, folder=folder, row=row, measure=measure, origin=measured_by())
 
     @property
     def name(self) -> str:
-        """Word for the work."""
+        """Name of the job."""
         return f"study-{self.study}"
 
     def file(self, cells: Sequence[Any]) -> Path:
         """Return the file of a block."""
         key = [self.study, self.origin.decisive, *map(asdict, cells)]
-        # The name contains cells and origin: other libraries cause a new measurement.
+        # The name depends on cells and origin, so that other libraries cause a new measurement.
         digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
         return self.folder / f"{digest[:32]}.parquet"
 
@@ -123,16 +123,16 @@ class Sweep(Job):
         return len(cells)
 
     def words(self, cells: Sequence[Any]) -> str:
-        """Return a block by its first cell."""
+        """Return the name of a block by its first cell."""
         return f"the block of {asdict(cells[0])}"
 
     @contextmanager
     def open(self) -> Iterator[Sweep]:
-        """Provide the job itself; InputError if this process has another origin."""
+        """Yield this job as the session; InputError if this process has another origin."""
         here = measured_by()
         if here.decisive != self.origin.decisive:
             raise InputError(
-                "a worker has other libraries or another device than the begin of the study "
+                "a worker has other libraries or another device than the start of the study "
                 f"({here.devices.get('OpenGL renderer')}); give all workers the same"
             )
         yield self
@@ -147,7 +147,7 @@ class Sweep(Job):
     def rows(
         self, blocks: Sequence[Sequence[Any]], workers: Workers, part: Part, *, progress: bool
     ) -> list[Any] | None:
-        """Measure missing blocks of a part; return all rows, None while other parts miss some."""
+        """Measure missing blocks of a part; return all rows, None while other parts miss blocks."""
         own = list(part.of(blocks))
         workers.run(self, own, sum(map(len, own)), progress=progress)
         # Other parts of a job array may still be at work.
@@ -201,7 +201,7 @@ def write_study(
     text, data, kind = f"{name}.md", f"{name}.parquet", type(rows[0])
     with Staging(out, (text, data)) as staging:
         write_rows(kind, rows, origin, staging.folder / data)
-        # Read back, so that the file alone gives the same document again.
+        # Read the rows back, so that the file by itself gives the same document again.
         filed, origin = read_rows(kind, staging.folder / data)
         staging.write(text, document(filed, origin))
         staging.commit()

@@ -1,4 +1,4 @@
-"""`bench table1`: table 1 of the paper on the project's own car, in the same triangles."""
+"""`bench table1`: table 1 of the paper on the project's own car, with as many triangles."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.objects import studio
 from xfrustum.scenes.model.scene import read_only
 
-#: Numbers of apertures about the middle of the plate that are drawn as a plate, and one by one with
-#: antialiasing and without, which takes longer
+#: Numbers of apertures around the middle of the plate: drawn as a plate, and drawn one by one, with
+#: antialiasing and without. Drawing one by one takes longer.
 COLUMNS, ANTIALIASED_COLUMNS = 12, 4
 
-#: Measured antialiasing: the largest number of coverage samples that Mesa's software
-#: renderer has. The paper does not state the number of its hardware.
+#: Measured antialiasing, with the largest number of coverage samples of Mesa's software renderer.
+#: The paper does not state the number of its hardware.
 ANTIALIASED = Sampling(multisample=4)
 
 #: The machines of the paper; antialiasing was on in the first
 REALITY_ENGINE, MAXIMUM_IMPACT = "RealityEngine2", "Maximum Impact"
 
-#: Paper, table 1: polygons of a database, its share of reflection mapped ones, and by machine the
-#: frames and the polygons a second
+#: Paper, table 1: number of polygons of a database, share of polygons with reflection mapping, and
+#: by machine the frames and the polygons per second
 PAPER = (
     (42_382, 0.312, {REALITY_ENGINE: (1.98, 84_077), MAXIMUM_IMPACT: (3.42, 144_868)}),
     (272_074, 0.479, {REALITY_ENGINE: (0.258, 70_286), MAXIMUM_IMPACT: (0.58, 159_710)}),
@@ -71,7 +71,7 @@ def _row(
     repeat: int,
     bar: tqdm[Any],
 ) -> tuple[Record, str]:
-    """Return a row of the table, with reflective triangles submitted twice; and the device."""
+    """Return a row of the table and the device; reflective triangles are submitted twice."""
     car = tessellated_car(polygons, reflective)
     scene = replace(
         mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution))
@@ -157,7 +157,7 @@ def table1_table(record: Record) -> str:
     return plain_text("table1.txt.j2", values).removesuffix("\n")
 
 
-# The car in as many triangles
+# The car with the numbers of triangles of table 1
 # ------------------------------------------------------------------------------
 
 
@@ -173,9 +173,9 @@ class TessellatedCar:
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
     """Return the car with `polygons` triangles, or one fewer; a share of them is reflective.
 
-    All triangles are split in four while this does not exceed the number; then the largest are
-    split in three at their centroids. Raises InputError below the built-in car's number, or at a
-    share outside 0 to 1.
+    All triangles are split in four while their number stays within `polygons`; then the largest are
+    split in three at their centroids. Raises InputError for fewer triangles than the built-in car
+    has, or for a share outside 0 to 1.
     """
     scene = builtin.build("car")
     if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:

@@ -34,12 +34,12 @@ from xfrustum.scenes.model.images import PlateContent
 DEFAULT_FOLDER = Path("study") / "ways"
 #: columns and rows of the pixels of a hogel
 RESOLUTION = (64, 64)
-#: triangles of the subdivided car, as in the paper's larger database
+#: number of triangles of the subdivided car, as in the paper's larger database
 TRIANGLES = 272_074
 FINE_CAR = "car of 272,074 triangles"
-#: number of judged hogels by two cameras, spread over the part that is judged by directions
+#: number of hogels judged by two cameras, spread over the tile that is judged by directions
 JUDGED_HOGELS = 8
-#: images that are timed: color in the usual type, and triangle numbers
+#: content of the timed images: color in the usual type, and triangle numbers
 CONTENT = PlateContent(ids=True)
 
 
@@ -66,12 +66,12 @@ class Row(Cell):
     """A cell with its answers."""
 
     hogels: int  #: hogels of the plate
-    judged: int  #: pixels
+    judged: int  #: number of judged pixels
     surface_fraction: float  #: share of the judged pixels with a wrong surface
     #: of the worst judged hogel; None by directions, where no near offset displaces a surface
     displacement_p99_px: float | None
     seconds: float  #: time of the whole plate, extrapolated from a part
-    predicted_s: float  #: from passes over two other plates, timed in turns
+    predicted_s: float  #: time predicted from passes over two other plates, timed in turns
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
         np.linspace(side[0], side[-1], JUDGED_HOGELS).astype(int).tolist()
         for side in (tile.columns, tile.rows)
     )
-    # No column and no row twice, and off the diagonal.
+    # Use no column and no row twice, and avoid the diagonal.
     rows = [rows[3 * k % JUDGED_HOGELS] for k in range(JUDGED_HOGELS)]
     apertures = [scene.plate.aperture(*place) for place in zip(columns, rows, strict=True)]
     reference = Reference(scene)
@@ -215,7 +215,7 @@ def crossovers(rows: Sequence[Row]) -> list[Crossover]:
 def fewest_wrong(rows: Sequence[Row]) -> list[dict[PlateWay, Row]]:
     """Return the setting with the fewest wrong surfaces of each way, for each plate.
 
-    The faster one of two settings that are equally wrong.
+    If two settings are equally wrong, the faster one is returned.
     """
     plates: dict[tuple[str, int], dict[PlateWay, Row]] = {}
     for row in sorted(rows, key=lambda row: (row.surface_fraction, row.seconds)):
@@ -224,7 +224,7 @@ def fewest_wrong(rows: Sequence[Row]) -> list[dict[PlateWay, Row]]:
 
 
 def _ratios(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float]]:
-    """Return numbers of hogels, and seconds by directions over least seconds by two cameras."""
+    """Return pairs: hogels, and seconds by directions over the least seconds by two cameras."""
     own = [row for row in rows if row.scene == scene]
 
     def least(hogels: int, way: PlateWay) -> float:
@@ -238,10 +238,10 @@ def _ratios(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float
 
 
 def _crossing(ratios: Sequence[tuple[int, float]]) -> float | None:
-    """Return the hogels at which both ways take equally long; None outside the plates.
+    """Return the number of hogels at which both ways take the same time; None outside the plates.
 
-    The ratio is W H (pass / N + cell) / hogel: a straight line in 1 / N. Other load, which changes
-    from plate to plate, cancels in it.
+    The ratio is W H (pass / N + cell) / hogel: a straight line in 1 / N. Other load on the machine
+    differs between plates and cancels in the ratio.
     """
     for (fewer, above), (more, below) in pairwise(ratios):
         if above > 1 >= below:

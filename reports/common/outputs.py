@@ -26,7 +26,7 @@ from xfrustum.scenes import InputError, disk
 
 def json_ready(value: Any) -> Any:
     """Return the value in JSON's own types: dataclasses are objects, NaN and infinity None."""
-    # NumPy's scalars. The command line must not load NumPy to print errors.
+    # Convert NumPy's scalars without loading NumPy, which the command line avoids to print errors.
     if hasattr(value, "tolist"):
         value = value.tolist()
     elif isinstance(value, Path | StrEnum):
@@ -61,15 +61,14 @@ def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqd
 class Staging:
     """A temporary folder that is renamed to its final name in one step; a context manager.
 
-    Entering it tests before any work that the target can be written, and removes leftovers of
+    Entering it tests, before any work, that the target can be written, and removes leftovers of
     killed processes. `commit` moves the files to `out` when they are on the disk; leaving without
-    it removes them.
+    `commit` removes them.
 
     The folder `out` may exist: then files of the same name are replaced one by one, each
-    atomically, and others stay. Targets of links of the same name are replaced. `names` are the
-    names of the files to come, where they are known. InputError is raised on entering, when `out`
-    is not a folder, has the name of a file or cannot be written, and by `commit`, when the disk is
-    full.
+    atomically, and other files stay. If a name is a symbolic link, its target is replaced. `names`
+    are the names of the files to come, if known. InputError is raised on entering if `out` is not a
+    folder, has the name of a file or cannot be written, and by `commit` if the disk is full.
     """
 
     #: temporary folder, to which the files are written
@@ -99,16 +98,16 @@ class Staging:
         with refused(f"--out {self.out}: cannot write in {host}", "choose another place"):
             for name in self.names:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")
-            # The paths of a run that found no existing folder.
+            # A killed run that found no existing folder left its files beside it.
             disk.remove_abandoned(self._place.parent)
             self._aside = disk.TempPath(host, folder=True)
-            # Set the permissions of new folders, because the temporary folder is private.
+            # A folder inside has the permissions of new folders; the temporary folder is private.
             self.folder = self._aside.path / "out"
             self.folder.mkdir()
         return self
 
     def write(self, name: str, content: object) -> None:
-        """Write a file to commit: text, bytes, or a record as JSON without NaN or infinity."""
+        """Write a file for `commit`: text, bytes, or a record as JSON without NaN or infinity."""
         if not isinstance(content, str | bytes):
             content = json.dumps(json_ready(content), allow_nan=False, indent=1) + "\n"
         (self.folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
@@ -155,7 +154,7 @@ def check_writable_folder(path: Path, names: Sequence[str] = ()) -> None:
 
 
 def check_writable_image(path: Path) -> None:
-    """Raise InputError unless an image can be written here, under a name of that format."""
+    """Raise InputError unless an OpenEXR image can be written here, under a name in .exr."""
     if path.suffix.lower() != ".exr" and not path.is_dir():
         named = f"such as {path.with_suffix('.exr')}"
         raise InputError(
@@ -185,13 +184,13 @@ def refused(what: str, advice: str = "free some space or choose another place") 
     try:
         yield
     except OSError as error:
-        # Such errors, if raised by libraries, have no reason from the operating system.
+        # Errors raised by libraries have no reason from the operating system.
         reason = error.strerror or " ".join(str(error).split())
         raise InputError(f"{what} ({reason}); {advice}") from error
 
 
 def _check_kind(path: Path, where: str, which: str = "") -> None:
-    """Raise InputError for a name of a folder or of another kind that cannot be written."""
+    """Raise InputError if the name belongs to a folder or to a file that is not writable."""
     try:
         disk.written_into(path)
     except InputError as error:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
 
 DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
-"""Ends of the logarithmic scale; the lower one is what 32-bit positions can measure."""
+"""Ends of the logarithmic scale; the lower end is the resolution of 32-bit positions."""
 LARGEST_HEIGHT_ERROR = 1e-2
 """Upper end of the logarithmic scale on both sides of zero, as a fraction of the longest reach."""
 RADIANCE_RANGE = (1e-4, 1.0)
@@ -54,13 +54,13 @@ CAUSE_COLORS = {
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
 """Color of unexplained pixels, which are charged to rounding without a cause."""
 
-#: number of frames whose pictures are compared with the next frames
+#: number of latest frames whose pictures may be reused
 KEPT_FRAMES = 3
 _STEPS, _HEIGHT_STEPS = 40, 15
 VIRIDIS = "440154 482878 3e4989 31688e 26828e 1f9e89 35b779 6ece58 b5de2b fde725"
 INFERNO = "000004 1b0c41 4a0c6b 781c6d a52c60 cf4446 ed6925 fb9b06 f7d13d fcffa4"
 BLUE_RED = "053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f"
-"""Colors of plotly's scales at equal distances, without the second that plotly takes to load."""
+"""Colors of plotly's scales at equal distances, copied because plotly takes a second to load."""
 
 
 def scale_colors(anchors: str, places: Floats) -> list[str]:
@@ -83,7 +83,7 @@ HEIGHT_SCALE = scale_colors(BLUE_RED, np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1))
 """Colors of the height scale, from farther (blue) to nearer (red)."""
 _UNTEXTURED_GRAY = 0.4
 _KEPT_BITS = 0b11111100
-"""Mask that drops the last two bits of each channel, which are invisible but half of the file."""
+"""Mask that drops the last two bits of each channel: they are invisible but half of the file."""
 _ENCODED = np.rint(LEVELS * encoding_curve(np.linspace(0, 1, 4097))).astype(np.uint8) & _KEPT_BITS
 """sRGB levels of linear values from 0 to 1, at most 0.8 of a level apart."""
 
@@ -91,10 +91,9 @@ _ENCODED = np.rint(LEVELS * encoding_curve(np.linspace(0, 1, 4097))).astype(np.u
 def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
     """Return both ends of the scale of height errors, as fractions of the longest reach.
 
-    Errors below the lower end are white. This end is the largest error that rounding alone may make
-    in a 32-bit surface point (`compare.rounding.positions`) as far away as the reach, or as the
-    scene's largest coordinate if that is larger and the scene is available, rounded up to 1, 2 or 5
-    times a power of ten.
+    Errors below the lower end are white. The lower end is the largest rounding error of a 32-bit
+    surface point at the distance of the reach (`compare.rounding.positions`), rounded up to 1, 2 or
+    5 times a power of ten. With a scene, the distance is at least the scene's largest coordinate.
     """
     rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
     if scene is not None:
@@ -125,8 +124,8 @@ class LatestPictures:
     ) -> dict[str, bytes]:
         """Encode a raster image and its errors, by name.
 
-        `charge` (H, W) has the place in `CAUSE_COLORS` of each wrong surface's link, negative where
-        the pixel is right, and the place after the last where it is unexplained; None without
+        `charge` (H, W) is the index in `CAUSE_COLORS` of the link that makes a pixel wrong:
+        negative at right pixels, and one past the last index at unexplained pixels; None without
         causes. `scale` has the longest reach in scene units, and the ends of a `height_range`.
         """
         errors, colors = comparison.errors, comparison.colors
@@ -229,17 +228,17 @@ def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
 
 
 def class_map(index: NDArray[np.uint8], colors: Sequence[str], reduction: int = 1) -> bytes:
-    """Encode classes of pixels (H, W) as PNG: class i has color i, from 1; 0 is transparent.
+    """Encode classes of pixels (H, W) as PNG: class 1 has the first color; 0 is transparent.
 
-    A block shows the largest of its numbers.
+    A block shows its largest class number.
     """
     if reduction > 1:
         index = block_reduce(index, (reduction, reduction), np.max)
     encoded = Image.fromarray(index)
     encoded.putpalette(_palette(tuple(colors)))
     buffer = io.BytesIO()
-    # The data are noise and long runs: searching only for runs makes files as small as level 6, in
-    # a third of the time.
+    # The data are noise and long runs: searching only for runs makes files as small as compression
+    # level 6, in a third of the time.
     encoded.save(buffer, "PNG", transparency=0, compress_type=zlib.Z_RLE)
     return buffer.getvalue()
 

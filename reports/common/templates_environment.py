@@ -25,7 +25,7 @@ from xfrustum.reports.common.outputs import json_ready
 from xfrustum.scenes.representation import counted, digits, percent
 
 Filters = Mapping[str, Callable[..., Any]]
-#: no filters besides those that every template has
+#: no filters in addition to the filters of all templates
 NO_FILTERS: Filters = MappingProxyType({})
 
 TEMPLATES = Path(__file__).parents[1] / "templates"

@@ -39,7 +39,7 @@ from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.representation import encoding_curve
 
-#: description of an archive in error messages, and advice in them
+#: description of an archive, and advice to the user, in error messages
 MESSAGE = "archive of a conformance suite", "xfrustum conformance export makes one"
 #: name of the archive in the folder of `--out`
 ARCHIVE = f"conformance-{SUITE}.zip"
@@ -152,14 +152,15 @@ def _wavefront(scene: Scene) -> str:
     """Return scene.obj without the line that names the file of materials.
 
     If any vertex of an object has a texture coordinate or a normal, all vertices have one, so that
-    a corner has the same number in each list; corners without a value do not refer to it.
+    a corner has the same number in the lists of positions, texture coordinates and normals. Corners
+    without a value do not refer to the list.
     """
     lines = list[str]()
     first, first_uv, first_normal = 1, 1, 1
     for number, part in enumerate(scene.objects):
         lines.append(f"o object_{number}")
         places = [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices.tolist()]
-        # sRGB, as in all files but glTF.
+        # Colors are in sRGB, as in all files but glTF.
         if part.vertex_colors is not None:
             colors = encoding_curve(part.vertex_colors).tolist()
             places = [
@@ -211,7 +212,7 @@ def _binary_gltf(scene: Scene) -> bytes:
         return made
 
     whole = trimesh.Scene()
-    # Lengths beyond float32's range are in scene.obj.
+    # Lengths beyond float32's range overflow here; scene.obj has them.
     with np.errstate(all="ignore"):
         for number, part in enumerate(scene.objects):
             name = f"object_{number}"
@@ -225,7 +226,7 @@ Truths = Callable[[Case, Scene], list[HogelImage]]
 
 
 def traced(case: Case, scene: Scene) -> list[HogelImage]:
-    """Trace the truth of each hogel of a case; RuntimeError if one differs from the suite's."""
+    """Trace the truth of each hogel of a case; RuntimeError if it differs from the suite's."""
     reference = Reference(scene)
     truths = [trace(case, reference, aperture) for aperture in case.apertures(scene)]
     if not is_frozen(case, truths):

@@ -34,7 +34,7 @@ from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.files.pictures import Encoding, bytes_of, read_foreign
 from xfrustum.scenes.model.device_model import DeviceModel
 
-#: file with the reason, in place of images
+#: file with the reason that a renderer writes in place of images
 UNSUPPORTED_FILE = "unsupported"
 #: largest size of this file, bytes
 MAX_REASON_BYTES = 1 << 16
@@ -61,7 +61,7 @@ class CaseOutcome(StrEnum):
 
 
 class Failure(StrEnum):
-    """Cause of a failed case that `verify` does not name."""
+    """Cause of a failed case for which `verify` names no defect."""
 
     # An image is absent, or cannot be read.
     MISSING = "missing"
@@ -80,7 +80,7 @@ class Verdict:
     cause: str | None = None
     #: sentences about the failure
     words: tuple[str, ...] = ()
-    #: equivalent defects, by named defect; `agreed` chooses the most frequent one of the level
+    #: equivalent defects, by named defect; `agreed` chooses the level's most frequent defect
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     #: judged hogels, >= 0
     hogels: int = 0
@@ -170,7 +170,7 @@ class CaseRenderer:
             self._call(case, scratch / "case", out)
         reasons = sorted(out.glob(f"{UNSUPPORTED_FILE}*"))
         for path in (out, *reasons, *out.glob("hogel_*")):
-            # A link could copy the content of any file into the statement.
+            # A symbolic link could copy the content of any file into the statement.
             if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(allowed)):
                 raise Problem(f"{path}: is a link out of {allowed}; put the file itself there")
         if reasons:
@@ -302,7 +302,7 @@ def _file(out: Path, index: tuple[int, int]) -> Path:
 
 
 def _image(case: Case, scene: Scene, index: tuple[int, int], path: Path) -> HogelImage:
-    """Read the image of a hogel; Problem where it cannot be read."""
+    """Read the image of a hogel; Problem if it cannot be read."""
     camera = Reference(scene).camera(scene.plate.aperture(*index))
     try:
         return read_foreign(path, camera, Encoding(case.encoding))
@@ -322,7 +322,7 @@ def _diagnosed(
     """Return the verdict of a failed case with the defects named by `verify`, and pictures."""
     from xfrustum.reports.verification.verification import verify  # noqa: PLC0415 - loads long
 
-    # In a pattern of files, braces of the folder's own name are escaped.
+    # Escape braces in the folder's name, because the pattern of files has fields in braces.
     folder = str(out).replace("{", "{{").replace("}", "}}")
     result = verify(
         scene,
@@ -344,8 +344,8 @@ def _diagnosed(
 
 
 MIN_AGREEING = 0.5
-"""Smallest share of a level's failed cases with a named cause that a named defect must explain: a
-defect can explain a case of few surfaces by chance."""
+"""Share of a level's failed cases with named causes that a defect must explain to be named: a
+defect can explain a single case of few surfaces by chance."""
 
 
 def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:

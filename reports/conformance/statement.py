@@ -126,7 +126,7 @@ class Statement:
 
 
 def counted_pixels(pixels: Pixels) -> str:
-    """Describe numbers of pixels."""
+    """Return numbers of pixels in words."""
     counts = asdict(pixels)
     shown, wrong = counts.pop("shown"), counts.pop("wrong")
     causes = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)

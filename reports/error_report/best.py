@@ -23,7 +23,7 @@ GEOMETRY = ("pivot", "fit", "offset", "slabs")
 """Fields of `DoubleFrustum` that determine camera positions and film extents."""
 
 SURFACE_TIE_FRACTION = 1e-4
-"""Surface fractions closer than this are equal.
+"""Surface fractions that differ by less count as equal.
 
 A rasterizer snaps vertices to 2^-8 px, so that pixels within sqrt(2)/2 2^-8 px on both sides of a
 silhouette may be wrong: a share of 0.0055 l/W, for contours with a length of l image widths. At
@@ -72,7 +72,7 @@ class RowNumbers:
     prediction_reasons: Reasons | None
     times_s: StageTimes = field(metadata=named_columns("time_{}_s"))
     parts_s: Mapping[str, Mapping[str, float]] = field(metadata=named_columns("time_{}_s"))
-    #: links of the budget; None for all without causes
+    #: causes by link of the budget; None for each link in a report without causes
     causes: Mapping[str, CauseNumbers | None] = field(metadata=named_columns("cause_{}"))
     #: scene, versions and devices that produced the numbers
     made_by: Mapping[str, str] = field(metadata=named_columns("{}"))
@@ -94,8 +94,8 @@ class Measurement:
     times_s: StageTimes
     #: time of the device, a part of `times_s.raster`
     gpu_s: float
-    #: By `surface` and, of a shaded scene, `radiance`: judged pixels that show the wrong surface,
-    #: or a color that is off by more than 1/255.
+    #: Wrong judged pixels by kind: `surface` has pixels with the wrong surface; for a shaded scene
+    #: `radiance` has pixels with a color that is off by more than 1/255.
     wrong: Mapping[str, PixelSet] = field(repr=False)
     #: encoded pictures by name; see `pictures.setting_pictures`
     pictures: Mapping[str, bytes] = field(default_factory=dict, repr=False)
@@ -138,7 +138,7 @@ class Measurement:
     def numbers(self, reach: float, made_by: Mapping[str, str]) -> RowNumbers:
         """Return the row of the record and of the table; `reach` in scene units."""
         predicted = self.predicted
-        # Columns of causes exist without causes, too.
+        # A report without causes has the columns of causes, too.
         causes: dict[str, CauseNumbers | None] = dict.fromkeys(links_of(self.settings))
         return RowNumbers(
             aperture=self.aperture,
@@ -227,7 +227,7 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     """Return the settings for which no measured setting is better.
 
     Settings are chosen in three steps. The first keeps settings that are not worse than the setting
-    with the fewest wrong surfaces. The second does the same for wrong colors, where the scene is
+    with the fewest wrong surfaces. The second does the same for wrong colors if the scene is
     shaded. The third keeps settings displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is
     more, by the least displacement plus `DISPLACEMENT_TIE_PX`. One setting is worse than another if
     it has more wrong pixels by more than `SURFACE_TIE_FRACTION` and beyond chance
@@ -252,9 +252,9 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
 
     A window is a run of measured near planes of one depth buffer and one camera geometry that all
     are `equally_good`. If several windows are equally wide, the window with the larger nears is
-    used; if these are equal too, the first geometry and depth buffer. The middle of the window, by
-    ratio, is farthest from nears that displace too much and from nears that are too small for the
-    depth buffer; of two middles the larger near is used.
+    used; if these are equal too, the window of the first geometry and depth buffer. The middle of
+    the window, by ratio, is farthest from nears that displace too much and from nears that are too
+    small for the depth buffer; of two middles the larger near is used.
     """
     good, windows = equally_good(rows), []
     settings = dict.fromkeys(row.settings for row in rows)
@@ -264,11 +264,11 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     window = max(windows, key=lambda run: (run[-1].near / run[0].near, run[-1].near))
     low, high = window[0].near, window[-1].near
     middle = (low * high) ** 0.5
-    # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
+    # Compare ratios to the middle, upwards or downwards; digits beyond the twelfth are rounding.
     best = min(
         reversed(window), key=lambda each: round(max(each.near / middle, middle / each.near), 12)
     )
-    # All apertures of the chosen setting: the worst one gives the numbers.
+    # The worst aperture of the chosen setting gives the numbers.
     chosen = [row for row in rows if row.settings == best]
     worst = max(chosen, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
     moved = max(chosen, key=lambda row: (row.displacement_p99_px, row is worst))

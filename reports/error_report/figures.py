@@ -16,7 +16,7 @@ from xfrustum.scenes.representation import digits, percent
 
 Number = Callable[[Measurement], float | None]
 Rows = Sequence[tuple[int, Measurement]]
-"""Rows of one aperture and one camera geometry, with their numbers in the sweep."""
+"""Rows of one aperture and one camera geometry, with their row numbers in the sweep."""
 
 #: height of the panel of causes of one depth buffer on the page
 PANEL_PIXELS = 170
@@ -42,7 +42,7 @@ def _radiance(name: str) -> Number:
 
 @dataclass(frozen=True)
 class Quantity:
-    """An error over near planes: the title of its axis, and its numbers in a row."""
+    """An error over near planes: title of its axis, and functions that read it from a row."""
 
     title: str
     measured: Number
@@ -91,7 +91,7 @@ class Quantity:
                     None if value is None else max(value, floor) or None
                     for value, floor in zip(expected, floors, strict=True)
                 ]
-                # Equal closed forms, as of displacement, are drawn once, in a color of their own.
+                # Equal closed forms, such as displacement's, are drawn once, in a separate color.
                 ink = INK if tuple(form) in forms else color
                 line = {"color": ink, "dash": "dash"}
                 forms[tuple(form)] = {"x": nears, "y": form, **_DASHED, "line": line}
@@ -130,7 +130,7 @@ GEOMETRY_FIGURES = {
         "99th percentile of displacement, px", lambda row: row.displacement_p99_px
     ),
 }
-"""Figures of one aperture by the names by which the script finds their plots."""
+"""Figures of one aperture, by the names of their plots in the page's script."""
 
 
 def by_depth(rows: Rows) -> dict[str, Rows]:

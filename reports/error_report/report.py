@@ -75,7 +75,7 @@ from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 KINDS = ("html", "json", "parquet", "inspection")
 FILES = ("index.html", "report.json", "measurements.parquet", inspection.PAGE)
-"""Names of the files of a report, by their kinds."""
+"""Names of the files of a report, in the order of `KINDS`."""
 
 #: largest number of hogels that the recommendation names
 MAX_NAMED_HOGELS = 5
@@ -97,7 +97,7 @@ class ReportFiles:
     command: str
     #: object in report.json
     content: dict[str, Any]
-    #: further sentences: the measured share of the plate, omitted parts; and the times
+    #: sentences on the measured share of the plate and on omitted parts; then one on the times
     notes: tuple[str, ...]
     cost: str
 
@@ -118,8 +118,8 @@ def make_report(
 ) -> ReportFiles:
     """Measure the error of a scene over settings and write page, numbers and inspection.
 
-    They go into the folder `out`, by default `default_folder`, where no file appears before all are
-    complete.
+    The files go into the folder `out`, by default `default_folder`. No file appears before all
+    files are complete.
 
     InputError if a setting makes no sense, there is nothing to measure or to see, the folder cannot
     be written, or there is no OpenGL.
@@ -213,7 +213,7 @@ def report_content(measured: Sweep, rows: Sequence[RowNumbers]) -> dict[str, Any
         sentence = f"{sentence.removesuffix('.')} ({note})."
     numbers = [{**json_object(row), "aperture": row.aperture.index} for row in rows]
     for row, source in zip(numbers, measured.rows, strict=True):
-        # Columns that only the table has, or that have another form there.
+        # Remove columns that JSON lacks, or has in another form.
         del row["made_by"], row["causes"]
         row["causes"] = source.causes
     record = {
@@ -310,8 +310,9 @@ def recommendation(
 ) -> str:
     """Return the recommendation: the best near planes and depth buffer, with their errors.
 
-    `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a
-    frustum without recentering, and therefore without shear, has no effect and is not named.
+    `units` is the scene's unit of length, and `reach` the scene's longer reach in this unit. The
+    pivot of a frustum without recentering, and therefore without shear, has no effect and is not
+    named.
     """
     # Unique indices in the order of measurement.
     indices = dict.fromkeys(row.aperture.index for row in rows)

@@ -64,7 +64,7 @@ DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
 DEFAULT_NEARS_PER_REACH = np.geomspace(1e-1, 1e-8, 25)
 
 PAGE_PIXELS = 120_000_000
-"""Pixels of all settings together up to which pictures are not reduced.
+"""Largest number of pixels of all settings together at which pictures are not reduced.
 
 All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page
 stays under 30 MB."""
@@ -78,18 +78,18 @@ LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """Settings, apertures and ways of measuring of a report; None is the default.
+    """Settings, apertures and measurements of a report; None selects the default.
 
     Every combination of the nears, depth buffers and camera geometries is measured.
     """
 
     #: offsets, scene units, each between 0 and the reach; None for `default_nears`
     nears: Sequence[float] | None = None
-    #: None for the middle one and, if the frustum is recentered, two corners. With those that
-    #: `auto_apertures` chooses, the page has a map of the plate.
+    #: None for the middle one and, if the frustum is recentered, two corners. For `AutoApertures`
+    #: the page has a map of the plate.
     apertures: Sequence[Aperture] | AutoApertures | None = None
     depths: Sequence[DepthBuffer] | None = None
-    #: None for both pivots if they differ in a recentered frustum; else the aperture
+    #: None for both pivots in a recentered frustum, else for the aperture
     pivots: Sequence[Pivot] | None = None
     fits: Sequence[Fit | float] | None = None
     offsets: Sequence[Offset] | None = None
@@ -100,11 +100,11 @@ class ReportOptions:
     effects: str = "auto"
     #: source of the truths: `certified`, or the name of a tracer whose hits are not certified
     decided_by: str = alone.CERTIFIED
-    #: predict errors, and charge wrong pixels to causes
+    #: whether to predict errors and to charge wrong pixels to causes
     causes: bool = True
     #: model that explains rounding; None selects the recorded model of the current device
     device: DeviceModel | None = None
-    #: show a progress bar on standard error
+    #: whether to show a progress bar on standard error
     progress: bool = False
 
 
@@ -114,7 +114,7 @@ def default_nears(frustum: Frustum) -> tuple[float, ...]:
 
 
 def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
-    """Return all settings of a report, geometry by geometry, all nears of a buffer in turn.
+    """Return all settings of a report, by geometry, then by depth buffer, then by near.
 
     InputError if settings make no sense for the frustum.
     """
@@ -125,8 +125,8 @@ def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum
     for geometry, (depth, mapping), near in itertools.product(
         geometry_grid(frustum, options), buffers, nears
     ):
-        # Cameras without an offset need a near before the first cut; default nears beyond are left
-        # out.
+        # Cameras without an offset need a near before the first cut; default nears beyond it are
+        # left out.
         first = min((*geometry.slabs, *frustum.reach))
         if usual and geometry.offset is Offset.NONE and near >= first:
             continue
@@ -138,7 +138,7 @@ def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum
 
 def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
     """Return every combination of pivot, fit, offset and cuts; the cuts change fastest."""
-    # A centered frustum has no shear: its pivots draw the same.
+    # A centered frustum has no shear, so that both pivots draw the same picture.
     both = frustum.recentered and options.pivots is None
     pivots = tuple(Pivot) if both else (Pivot.APERTURE,)
     product = itertools.product(
@@ -150,7 +150,7 @@ def geometry_grid(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrust
     return geometries_of(
         DoubleFrustum(near=1.0, pivot=pivot, fit=fit, offset=offset, slabs=tuple(cuts))
         for pivot, fit, offset, cuts in product
-        # Cameras without an offset have their centers in the aperture.
+        # Without an offset the camera's center is the aperture: both pivots draw the same picture.
         if not (both and pivot is Pivot.CAMERA and offset is Offset.NONE)
     )
 
@@ -164,7 +164,7 @@ class Truth:
     """Picture of an aperture's truth, and the errors of each uncertified ray tracer."""
 
     picture: bytes
-    #: None if an uncertified tracer made the truth
+    #: errors of the tracers; None if an uncertified tracer made the truth
     alone: AloneNumbers | None
 
 
@@ -187,12 +187,12 @@ class Sweep:
     #: name of the model by which rounding is explained
     device_model: str
     #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`,
-    #: `predict`, `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for
-    #: that page, and of a shaded scene `light`. Stages run at the same time: the sum exceeds
-    #: `wall_s`.
+    #: `predict`, `causes`, `pictures` of the page, `alone` for the uncertified tracers,
+    #: `inspection` for the inspection page, and for a shaded scene `light`. Stages run at the same
+    #: time: the sum exceeds `wall_s`.
     times_s: Mapping[str, float]
     wall_s: float
-    #: some apertures, the worst first, drawn with the best setting, with all their channels
+    #: some apertures, the worst first, drawn with the best setting and all channels
     inspected: tuple[inspection.InspectedHogel, ...]
     light: "LightReport | None"
 
@@ -208,14 +208,14 @@ class Sweep:
 
     @property
     def auto(self) -> AutoApertures | None:
-        """The scout from which the apertures were chosen; None if they were given."""
+        """Scan of the plate that chose the apertures; None if the apertures were given."""
         apertures = self.options.apertures
         return apertures if isinstance(apertures, AutoApertures) else None
 
     def numbered(
         self, aperture: Aperture, geometry: DoubleFrustum
     ) -> list[tuple[int, Measurement]]:
-        """Return the rows of an aperture and a geometry, with their numbers."""
+        """Return the rows of an aperture and a geometry, each with its number in the sweep."""
         return [
             (number, row)
             for number, row in enumerate(self.rows)
@@ -229,7 +229,7 @@ def sweep(
     settings: Sequence[DoubleFrustum],
     options: ReportOptions | None = None,
 ) -> Sweep:
-    """Measure every setting at every aperture, at least one each.
+    """Measure every setting at every aperture; both must have at least one element.
 
     Only numbers and encoded pictures are kept, so memory does not grow with the float images.
     Raises InputError if there is no usable OpenGL or no such tracer.
@@ -308,7 +308,7 @@ def _measure(
             rows[aperture, row.settings] = row
             stages = {**asdict(row.times_s), "pictures": pictures_s}
             if aperture in truths:
-                # All frames of an aperture have the time of its truth; it counts once.
+                # Each frame of an aperture has the time of the aperture's truth; count it once.
                 stages["trace"] = 0.0
             else:
                 begun = time.perf_counter()
@@ -390,7 +390,7 @@ class LightReport:
 
     #: every effect: whether the scene needs it, and why
     decisions: tuple[EffectRow, ...]
-    #: truth of equal images, bit by bit, with all effects and with the needed ones
+    #: whether images with all effects and with only the needed effects are equal bit by bit
     same_bits: bool
     #: error by near; empty if no highlight and no reflection is drawn
     eye: tuple[EyeError, ...]
@@ -430,11 +430,11 @@ def measure_light(
 def _eye_errors(
     scene: Scene, aperture: Aperture, nears: Sequence[float], done: Callable[[], object]
 ) -> tuple[EyeError, ...]:
-    """Return the error by the bent eye vector at some nears, with a depth buffer without loss."""
+    """Return the error by the bent eye vector at some nears, with D32F reversed depth."""
     if not nears:
         return ()
     errors: list[EyeError] = []
-    # Single samples: averages would mix the eye vectors of several points.
+    # Use single samples: averages would mix the eye vectors of several points.
     once, shader = replace(scene, sampling=Sampling()), Shader(scene)
     surfaces = Reference(once).trace(aperture)
     with Rasterizer(once) as rasterizer:

@@ -55,15 +55,15 @@ class GroupPlate:
 
     rows: PlateRows
     array: PlateArray
-    #: hogels that were never drawn, >= 0; 0 where the group does not state it
+    #: number of hogels that were never drawn, >= 0; 0 if the group does not state it
     missing: int
-    #: function of column and row that returns a hogel as the array stores it, None if it was never
-    #: drawn, or raises InputError
+    #: function that returns the hogel of a column and a row as stored, or None if it was never
+    #: drawn; InputError if it is damaged
     hogel: Callable[[int, int], NDArray[Any] | None]
 
 
 def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
-    """Return a plate's pixels: its colors by default, else its numbers; else InputError."""
+    """Return a plate's pixels, by default its colors or, without colors, its triangle numbers."""
     group = checked_group(place)
     try:
         names = [name for name in PlateArray if name in group]
@@ -84,7 +84,7 @@ def open_plate(place: Path, array: PlateArray | None = None) -> GroupPlate:
         raise InputError(f"{place}: array {chosen} is not that of a plate")
     rows, columns, height, width = (int(count) for count in stored.shape[:4])
     shape = layouts.PlateShape(hogels=(columns, rows), resolution=(width, height))
-    # Zarr allocates whole chunks and shards, whose declared sizes can be any.
+    # Zarr allocates whole chunks and shards, and a group may declare them arbitrarily large.
     largest = max(
         math.prod(stored.shape[2:]), math.prod(stored.chunks), math.prod(stored.shards or ())
     )
@@ -147,7 +147,7 @@ def write_group(
         compressors=[COMPRESSOR],
         fill_value=0 if colored else -1,
         dimension_names=("row", "column", "v", "u", "rgb")[: len(shape)],
-        # Without files, hogels of zeros would look like missing hogels.
+        # Without this, hogels of zeros have no files and look like missing hogels.
     ).with_config({"write_empty_chunks": True})
     for row in range(shape[0]):
         for column, hogel in enumerate(plate.row(row)):
@@ -177,7 +177,7 @@ class Conversion:
     hogels: tuple[int, int]
     #: width and height of each hogel as read, pixels
     resolution: tuple[int, int]
-    #: of Zarr groups, the number of hogels
+    #: number of written files; for a Zarr group, the number of hogels
     files: int
     #: data that the layout cannot store; empty if every bit was kept
     losses: tuple[str, ...]
@@ -189,7 +189,7 @@ class Conversion:
 class ConversionOptions:
     """Facts that files need not state themselves."""
 
-    #: columns and rows, which a mosaic does not state
+    #: columns and rows of hogels, which a mosaic does not state
     hogels: tuple[int, int] | None = None
     #: columns and rows of tiles of a quilt to be written
     tiles: tuple[int, int] | None = None
@@ -215,8 +215,8 @@ def convert(
     Parameters
     ----------
     read_as, write_as
-        Name of a layout, or `zarr`; None for the layout that the names of files fit, and for `zarr`
-        by the name of `out`.
+        Name of a layout, or `zarr`. Without `read_as`, the names of files decide; without
+        `write_as`, `out` must be a Zarr group by its name.
 
     Raises
     ------
@@ -306,7 +306,7 @@ def is_one_file(out: Path, layout: str) -> bool:
 
 
 def _target(plate: PlateRows, out: Path, name: str, options: ConversionOptions) -> layouts.Target:
-    """Return layout and names of the files to be written; InputError if they cannot hold it."""
+    """Return layout and names of the files to be written; InputError for wrong options."""
     layout, single = layouts.layouts_named(name)[0], is_one_file(out, name)
     suffix = out.suffix.lower() if single else options.suffix
     suffix = suffix or (".exr" if plate.floating else ".png")
@@ -321,7 +321,7 @@ def _target(plate: PlateRows, out: Path, name: str, options: ConversionOptions) 
         aspect=options.aspect,
         tiles=options.tiles,
     )
-    # Refuse tiles that are too few for the views before the work.
+    # Refuse fewer tiles than views before the work.
     form.stated(plate.shape)
     return form
 
@@ -351,7 +351,7 @@ class LaidOutPlate:
 
     @property
     def keeps_group(self) -> bool:
-        """The group stays when the files are written."""
+        """True if the group stays after the files are written."""
         return self.out.suffix.lower() == ZARR_SUFFIX
 
     @property

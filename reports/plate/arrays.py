@@ -1,8 +1,8 @@
 """Arrays of a plate in its Zarr group: names, types and labels, blocks of hogels, and checks.
 
 Zarr reads a chunk whose file is missing as the fill value: without the file `x/c/0` all hogels of a
-plate are at x = 0. Therefore every command that opens a plate compares all arrays and labels with
-the description of the plate, which determines them.
+plate are at x = 0. The description of a plate determines all arrays and labels. Therefore every
+command that opens a plate compares them with the description.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ BLOCK_BYTES = 1 << 26
 #: hogels, and a plate of ten million hogels has 40,000 files per array.
 MAX_BLOCK_SIDE = 16
 
-#: Columns and rows of hogels, and of their pixels, in a shard by directions: 8 MiB of triangle
-#: numbers in a file. Its chunks are few rows of hogels, since each costs Zarr some 200 us.
+#: Columns and rows of hogels and of pixels in a shard by directions, and rows of hogels in a chunk.
+#: A shard has 8 MiB of triangle numbers in one file. Chunks are not smaller, because Zarr takes
+#: some 200 us for each.
 SHARD_HOGELS, SHARD_PIXELS, CHUNK_ROWS = (512, 64), (8, 8), 4
 
 #: attribute of the group with all inputs that determine its pixels
@@ -68,8 +69,8 @@ DAMAGE = (
     ArithmeticError,
 )
 
-#: Type, fill value, dimensions, meaning and unit of each image. "": type of color by option, unit
-#: of height by scene.
+#: Type, fill value, dimensions, meaning and unit of each image. An empty text stands for the type
+#: of color, which is an option, and for the unit of height, which is the scene's.
 _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str, str | None]] = {
     Channel.COLOR: ("", 0, ("v", "u", "rgb"), "linear radiance", "1"),
     Channel.TRIANGLE: (
@@ -134,9 +135,9 @@ class Block:
     number: int
     columns: range
     rows: range
-    #: requested hogels; empty by directions
+    #: requested hogels; empty for a block by directions
     apertures: tuple[Aperture, ...] = ()
-    #: columns and rows of the film by directions; None for whole films
+    #: columns and rows of pixels of a block by directions; None for whole films
     film: tuple[range, range] | None = None
 
     @property
@@ -216,7 +217,7 @@ def _filled(block: Block, array: ImageArray) -> NDArray[Any]:
     if block.film is None:
         return np.full((*block.shape, *array.shape), array.fill, array.dtype)
     columns, rows = block.film
-    # Store images by direction one after the other: each is written to contiguous memory.
+    # Each image by direction lies in contiguous memory, so that copying it in is fast.
     images = (len(rows), len(columns), *block.shape, *array.shape[2:])
     return np.full(images, array.fill, array.dtype).transpose(2, 3, 0, 1, *range(4, len(images)))
 
@@ -233,8 +234,8 @@ class PlateArrays:
     side: tuple[int, int]
     #: columns and rows of pixels in a shard by directions; None for whole hogels
     film: tuple[int, int] | None = None
-    #: Columns and rows of hogels that are drawn together by directions. The rounding of pixels
-    #: depends on them.
+    #: Columns and rows of hogels that are drawn together by directions. The size of such a tile
+    #: changes the rounding of pixels.
     tile: tuple[int, int] | None = None
     #: name and unit of each measure of judged hogels
     measures: tuple[tuple[str, str], ...] = ()
@@ -262,7 +263,7 @@ class PlateArrays:
 
     @property
     def layout(self) -> dict[str, Any]:
-        """Division into shards and tiles, in the description of a plate."""
+        """Division into shards and tiles, as stored in the description of a plate."""
         sides = {"block": self.side, "film": self.film, "tile": self.tile}
         return {name: list(side) for name, side in sides.items() if side is not None}
 
@@ -369,7 +370,7 @@ class _RegularFiles(LocalStore):
 def open_group(place: Path, mode: str = "r", *, consolidated: bool | None = None) -> zarr.Group:
     """Open the Zarr group in a folder; InputError if it is missing or damaged.
 
-    `consolidated` selects the metadata in the group's own file; None: any copy.
+    `consolidated` selects the copy of the metadata in the group's own file; None selects any copy.
     """
     files = _RegularFiles(place.resolve(), read_only=mode == "r")
     try:
@@ -424,7 +425,7 @@ def _expected(arrays: PlateArrays, *, exactly: bool) -> dict[str, dict[str, str]
 
 
 def _difference(group: zarr.Group, arrays: PlateArrays, *, exactly: bool) -> str | None:
-    """Describe the first difference of a group from the expected group."""
+    """Return the first difference of a group from the expected group in words; None if equal."""
     if group.attrs.get("units") != arrays.units:
         return f"its units are {group.attrs.get('units')}, and the scene's {arrays.units}"
     stored: dict[str, Any] = {}

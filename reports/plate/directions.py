@@ -1,7 +1,7 @@
 """Plates by directions: each image has one pixel of all hogels of a tile.
 
 A tile is as large as memory permits. A block of work is a rectangle of pixels of a tile and fills
-whole shards, so that every file is written once and nothing is transposed on the disk. A block is
+whole shards, so that every file is written once and no data are transposed on the disk. A block is
 finished when all its files exist. Names, shapes and types of arrays are the same as by hogels.
 """
 
@@ -47,8 +47,8 @@ from xfrustum.scenes.plate import DepthFormat, PlateTile
 MEMORY = 1 << 30
 #: largest number of columns and of rows of a tile: the smallest bound of OpenGL 4.5 for images
 MAX_SIDE = 1 << 14
-#: Working memory of an image, bytes per hogel of the tile. Drawn: attachments and read-back of two
-#: rounds; traced: positions, normals, colors and their bounds.
+#: Working memory of an image, bytes per hogel of the tile. A drawn image has attachments and
+#: read-back of two rounds; a traced image has positions, normals, colors and error bounds.
 DRAWN_BYTES, TRACED_BYTES = 100, 400
 
 
@@ -169,7 +169,7 @@ class DirectionJob(StoreJob):
     """Plate that is drawn by directions; parameters as for `write_directions`."""
 
     unit = "view"
-    depth: DepthFormat | None  #: None for truths
+    depth: DepthFormat | None  #: depth format; None for truths
 
     def finished(self, block: Block) -> bool:
         """Return whether the store has a block."""

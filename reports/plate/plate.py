@@ -51,8 +51,8 @@ class PlateOptions:
     """Images, storage and work of a plate."""
 
     content: PlateContent = field(default_factory=PlateContent)
-    #: columns and rows of hogels in a shard, 1 x 1 for chunks without shards; None: the blocks of
-    #: an existing store, or blocks of at most `BLOCK_BYTES`
+    #: columns and rows of hogels in a shard, 1 x 1 for chunks without shards. None selects the
+    #: blocks of an existing store, else blocks of at most `BLOCK_BYTES`.
     block: tuple[int, int] | None = None
     #: whether to trace every hogel too, and store its measures as arrays
     judge: bool = False
@@ -119,7 +119,7 @@ def filled(
 
     All blocks form one stream of items, so that the renderer is never idle between blocks.
     """
-    # The renderer reads ahead: blocks wait here until their images arrive.
+    # The renderer requests items ahead of time: their blocks wait here until the images arrive.
     begun: deque[tuple[Block, int]] = deque()
 
     def items() -> Iterator[Item]:
@@ -158,15 +158,14 @@ def open_source(
     # Effects that the scene does not need would change no pixel.
     visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
     if not judge:
-        # Supersampling and multisampling are drawn hogel by hogel: the plate renderer has one
-        # sample.
+        # The plate renderer has one sample per pixel: finer sampling is drawn hogel by hogel.
         fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
         with (OneByOne if fine else PlateRenderer)(scene, settings, content) as drawing:
             device = str(drawing.device["renderer"])
             described = described_as(scene, content, device, drawing.effects & visible, settings)
             yield HogelSource(hogels=drawing.hogels, description=described)
         return
-    # Raised before the first block is written.
+    # Raise InputError before the first block is written.
     settings.check_against(scene.frustum)
     with Evaluator(scene, effects=content.effects) as evaluator:
         evaluator.rasterizer.check_sampling(scene.sampling)
@@ -185,7 +184,7 @@ def _traced(scene: Scene, content: PlateContent) -> HogelSource:
     reference = Reference(scene, tracer=tracer, effects=content.effects)
 
     def colored(aperture: Aperture) -> HogelImage:
-        # Light paths replace only the color; geometry has certified single lines.
+        # Light paths replace only the color; geometry comes from certified lines, one per pixel.
         image = reference.trace(aperture, Sampling())
         mean = transported(scene, aperture, scene.transport).mean
         return replace(image, color=mean.astype(np.float32))
@@ -276,7 +275,7 @@ class PlateFiles:
     """Result of drawing some apertures of a plate."""
 
     out: Path
-    #: hogels
+    #: number of drawn hogels
     drawn: int
     #: number of hogels that were already stored
     present: int
@@ -348,11 +347,11 @@ class PlateSession:
     check: bool = False
 
     def place(self) -> Path:
-        """Return the folder of the store, which is open by then."""
+        """Return the folder of the store; the call ensures that the store is open."""
         return self.store.out
 
     def make(self, block: Block) -> None:
-        """Draw the missing hogels of a block, or all of its pixels by directions."""
+        """Draw the missing hogels of a block or, by directions, all of its pixels."""
         if block.film is None:
             missing = self.store.missing(block, check=self.check)[0]
             block = replace(block, apertures=missing)
@@ -435,7 +434,7 @@ def write_plate(
 
 
 def damage_notes(out: Path, hogels: int) -> tuple[str, ...]:
-    """Return a sentence with the number of damaged hogels, or nothing."""
+    """Return a sentence with the number of damaged hogels; empty without damage."""
     return (f"{out}: {hogels} damaged hogels were drawn again",) if hogels else ()
 
 

@@ -148,7 +148,8 @@ def direction_plate(place: Path) -> DirectionPlate | None:
         try:
             return np.asarray(stored[part])
         except DAMAGE:
-            # A damaged hogel is empty as a neighbor; it is judged as missing itself.
+            # A damaged hogel counts as empty where it is a neighbor; in its own place it counts as
+            # missing.
             return np.full(hogels.size[::-1], NOTHING, dtype=np.int32)
 
     return DirectionPlate(depth=drawn.depth, tile=tile, shown=shown)
@@ -200,7 +201,7 @@ def read_hogels(
 ) -> Iterator[tuple[int, Any]]:
     """Yield columns in increasing order, each with its image in a row; see `read_hogel`.
 
-    A chunk of a plate by directions has pixels of many hogels, so columns are read together.
+    A chunk of a plate by directions has pixels of many hogels, so that columns are read together.
     """
     together = max(1, min(array.chunks[1], MOST_BYTES // image_bytes(array)))
     for _, group in groupby(columns, lambda column: column // together):

@@ -69,7 +69,7 @@ class PlateStore:
         self._arrays = {name: array(name) for name in names}
 
     def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
-        """Return the unfinished hogels of a block, and with `check` the number of damaged."""
+        """Return the unfinished hogels of a block, and with `check` the number of damaged ones."""
         flags = self._flags(block)
         files = self.has_files(block)
         missing, damaged = [], 0
@@ -88,7 +88,7 @@ class PlateStore:
     def damaged(self, block: Block) -> NDArray[np.bool_]:
         """Return the hogels (rows, columns) of a block by directions with damaged pixels."""
         damaged = np.zeros(block.shape, np.bool_)
-        # Read one file at a time: a block fills the memory.
+        # Read one file at a time, because a block fills the memory.
         (width, height), edges = self.arrays.side, block.image_selection[2:]
         for row in range(0, block.shape[0], height):
             for column in range(0, block.shape[1], width):
@@ -130,7 +130,7 @@ class PlateStore:
                 try:
                     array[block.selection] = values
                 except ValueError:
-                    # Zarr reads the index of an existing shard, and this index is damaged.
+                    # Writing reads the index of the existing shard, and this index is damaged.
                     for file in self._files(name, block):
                         file.unlink()
                     array[block.selection] = values
@@ -156,7 +156,8 @@ class PlateStore:
                 except OSError:
                     raise
                 except DAMAGE:
-                    # Zarr reads existing shards at the edges of the film, and a shard is damaged.
+                    # At the edges of the film, writing reads existing shards, and a shard is
+                    # damaged.
                     for file in self._files(name, block):
                         file.unlink(missing_ok=True)
                     array[block.image_selection] = tile.values[name]
@@ -242,13 +243,13 @@ IGNORING_OPTION = "--ignore-disk-space"
 
 @dataclass(frozen=True, kw_only=True)
 class PlateSize:
-    """Size of the hogels still to be drawn, and the free space on the disk."""
+    """Size of the hogels that are still to be drawn, and free space on the disk."""
 
     place: Path
     hogels: int
-    #: bytes before compression
+    #: size of the hogels before compression, bytes
     needed: int
-    #: bytes
+    #: free space, bytes
     free: int
 
     @property

@@ -38,15 +38,16 @@ from xfrustum.scenes.representation import counted
 #: position and size of the drawing area in the picture, pixels
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 
-#: Margin around all content, share of its size; and size in the picture, pixels, below which an
-#: object is marked by a ring.
+#: margin around all content, as a share of its size; size in pixels of the picture below which a
+#: ring marks an object
 MARGIN, SMALL_PX = 0.04, 7.0
 
 #: Largest distance of drawn objects beyond the reach or the plate's sides, share of the whole
-#: reach. Farther objects are only named: a mesh in wrong units must not shrink others to a dot.
+#: reach. Farther objects are only named: a mesh in wrong units must not shrink other objects to a
+#: dot.
 FARTHEST = 0.75
 
-#: largest number of objects that are drawn: as many as the template has colors
+#: largest number of drawn objects: the number of colors of the template
 MAX_DRAWN = 5
 
 #: cells of the outline mask per pixel of the picture, in each direction
@@ -181,7 +182,7 @@ def draw_view(scene: Scene, view: View) -> str:
         shape = {
             "name": f"{number} {Path(part.name).name}",
             "ring": ring,
-            # An object outside the picture has its heights as a label.
+            # An object outside the picture is labeled with its heights.
             "away": "" if shapes else heights(lowest[2], highest[2], scene.units),
             "path": "".join(f"M{path}Z" for path in paths),
         }
@@ -226,7 +227,7 @@ FILES = tuple(f"{view.value}.svg" for view in View)
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectCheck:
-    """Facts of one object before it is drawn."""
+    """Facts of one object, found without drawing it."""
 
     extent: ObjectExtent
     #: descriptions of shading data: `normals`, `colors` and `textures`
@@ -235,7 +236,7 @@ class ObjectCheck:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneCheck(NotebookRepr):
-    """Facts of a scene before it is drawn."""
+    """Facts of a scene, found without drawing it."""
 
     scene: Scene
     objects: tuple[ObjectCheck, ...]

@@ -29,25 +29,25 @@ from xfrustum.scenes.plate import Camera
 from xfrustum.scenes.representation import counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
-Sections = tuple[tuple[float, float], ...]  #: two heights |z| of each slab of one side
+Sections = tuple[tuple[float, float], ...]  #: lowest and highest |z| of each slab of one side
 
 #: default near offset, share of the longest reach
 DEFAULT_NEAR_PER_REACH = 1e-3
 
-#: Numbers of sub-apertures whose errors are listed: 1 for the middle, and affordable numbers.
+#: numbers of sub-apertures whose errors are listed; a single one is the middle of the aperture
 EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EffectRow:
-    """An effect or a sampling setting: used or left out, with the reason."""
+    """An effect or a sampling setting, whether it is used, and the reason."""
 
     name: str
     used: bool
     reason: str
-    #: numbers of objects that need it and may be visible
+    #: numbers of the objects that need the effect and may be visible
     objects: tuple[int, ...] = ()
-    #: numbers of objects that need it but cannot be visible
+    #: numbers of the objects that need the effect but cannot be visible
     out_of_sight: tuple[int, ...] = ()
 
 
@@ -135,8 +135,8 @@ def scene_effects(
 ) -> SceneEffects:
     """Return the effects of an aperture's images, determined from the scene without images.
 
-    `aperture` None: the middle; `settings` None: `default_near` without cuts. Raises InputError if
-    the settings do not fit the scene, or a surface is behind the viewer.
+    `aperture` None selects the middle one, and `settings` None `default_near` without cuts. Raises
+    InputError if the settings do not fit the scene, or a surface is behind the viewer.
     """
     aperture = aperture or scene.plate.middle
     settings = settings or DoubleFrustum(near=default_near(scene))
@@ -182,7 +182,7 @@ def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRo
     ]
 
 
-#: properties of objects that need an effect; positions of objects determine the cameras
+#: properties of objects that call for an effect; cameras are decided by positions of objects
 _CALLING = {
     Effect.SMOOTH_NORMALS: "normals at vertices",
     Effect.VERTEX_COLORS: "colors at vertices",
@@ -228,7 +228,7 @@ def default_near(scene: Scene) -> float:
 def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[str, Any]:
     """Return the content of an aperture's frustum by depth, with closed-form errors of each bin.
 
-    The near offset displaces surfaces below the first cut, and a fit reduces the displacement: by
+    The near offset displaces surfaces nearer than the first cut. A fit reduces the displacement; by
     default the first slab is fitted to its cut. The cameras of other slabs are in the aperture.
     """
     film, screen = np.array(scene.frustum.resolution), scene.frustum.screen

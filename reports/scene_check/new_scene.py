@@ -28,12 +28,12 @@ from xfrustum.scenes.shapes import placement
 #: Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes.
 FOV_DEG, RESOLUTION = 60.0, 512
 
-#: Apertures along the longer side of the plate, odd, so that an aperture is in the middle; and
-#: smallest ratio of plate or reach to the mesh.
+#: Number of apertures along the longer side of the plate, odd, so that one lies in the middle; and
+#: smallest ratio of plate or reach to the size of the mesh.
 HOGELS, ROOM = 61, 1.1
 
-#: Relative tolerance of numbers of cells and of viewing distances: quotients of lengths in other
-#: units have a few roundings of doubles.
+#: Relative tolerance of numbers of cells and of viewing distances, because quotients of lengths in
+#: other units have a few roundings of doubles.
 WHOLE = 1e-9
 
 #: Mantissas of lengths in a new scene file, times a power of ten: rounded up by at most 4/3.
@@ -41,7 +41,7 @@ ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
 class Place(StrEnum):
-    """Placement of the object: middle in the plate, or entirely behind or in front of it."""
+    """Placement of the object: its middle in the plate, or all of it behind or before the plate."""
 
     THROUGH = "through"
     BEHIND = "behind"
@@ -67,19 +67,20 @@ Length = (
 
 @dataclass(frozen=True, kw_only=True)
 class NewSceneOptions:
-    """Options of a new scene; None: the value fits the mesh."""
+    """Options of a new scene; None selects a value that fits the mesh."""
 
-    #: Name of the length unit; None: `m` for glTF, whose unit is the meter, else `units`, because
-    #: no other mesh file has a unit.
+    #: Name of the length unit. None selects `m` for glTF, whose unit is the meter, else `units`,
+    #: because no other mesh file has a unit.
     units: str | None = None
-    #: length of the longest side; by default the mesh's own, or a length that fits `plate`
+    #: length of the mesh's longest side; by default the length in its file, or one that fits
+    #: `plate`
     size: Length | None = None
     place: Place | str | None = None
-    #: width and height
+    #: width and height of the plate
     plate: tuple[Length, Length] | None = None
     #: largest distance between apertures
     pitch: Length | None = None
-    #: distance from which no cells are visible, unless `pitch` overrides it
+    #: viewing distance at which hogels are not visible as cells; `pitch` overrides it
     viewer: Length | None = None
     up: Up | str = Up.Y
     #: whether to replace an existing file
@@ -103,14 +104,14 @@ class NewScene:
     units: str
     heights: tuple[float, float]
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: Warning of a changed placement, of undrawable triangles, or of visible cells; None for none.
+    #: warning of a changed placement, of triangles in the plate, or of visible cells, if any
     warning: str | None = None
     #: features of the mesh file that are not shown
     unread: tuple[UnreadFeature, ...] = ()
 
     @property
     def pitch(self) -> float:
-        """Larger distance between apertures of the two axes, scene units."""
+        """Larger one of the distances between apertures along x and y, scene units."""
         return max(side / count for side, count in zip(self.plate, self.hogels, strict=True))
 
     @property
@@ -230,15 +231,15 @@ class _Display:
         return (size[0], size[1]), (columns, rows)
 
     def warning(self, written: NewScene) -> str | None:
-        """Return a warning of visible cells, or of surfaces behind the viewer, or None."""
+        """Return a warning of visible cells or of surfaces behind the viewer, if any."""
         units, top = written.units, written.heights[1]
         if self.viewer is not None and top >= self.viewer:
             return (
                 f"the mesh ends {length(top)} {units} before the plate, behind a viewer at "
                 f"{length(self.viewer)} {units}; give a smaller --size, or --behind"
             )
-        # The plate is a real display: its cells must be invisible from the viewing distance, or
-        # without one from any distance.
+        # A stated plate is a real display: its cells must be invisible from the viewing distance
+        # or, without a viewing distance, from any distance.
         seen = bool(self.plate) and self.pitch is None
         if self.viewer is not None:
             seen = self.viewer < written.cells_within * (1 - WHOLE)
@@ -276,7 +277,7 @@ def _fitted(
     # From this distance on, the middle aperture shows the whole nearest side of the object.
     gap = _round_up(ROOM * max(width, height) / 2 / math.tan(math.radians(FOV_DEG) / 2))
     side = {Place.THROUGH: 0, Place.BEHIND: -1, Place.BEFORE: 1}[place]
-    # Six digits of the longest side, and no negative zero.
+    # Round to six digits of the longest side, without a negative zero.
     longest = max(width, height, depth)
     decimals = 5 - math.floor(math.log10(longest))
     exact = np.array([0.0, 0.0, side * (gap + depth / 2)]) - scale * (low + high) / 2
@@ -315,7 +316,7 @@ def _fitted(
 
 def _round_up(value: float) -> float:
     power = math.floor(math.log10(value))
-    # Via text, as in the file: 1.2 times 10 to the -3 is not the double 0.0012.
+    # Convert from text, as a reader of the file does: 1.2 times 10^-3 is not the double 0.0012.
     steps = (float(f"{step:g}e{power}") for step in ROUND_STEPS)
     return next((step for step in steps if step >= value), float(f"1e{power + 1}"))
 

@@ -26,7 +26,7 @@ MAX_NAMED_OBJECTS = 3
 FACING_RESOLUTION = (64, 64)
 
 #: Smallest size of an object without a warning, share of the plate's longer side. A smaller object
-#: is probably in other units: a pixel of a hogel is a hundredth of that side, or more.
+#: is probably in other units.
 MIN_SIZE_FRACTION = 0.01
 
 
@@ -61,7 +61,7 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:
-    """Return a sentence for each object that the reach cuts, and for each tiny object."""
+    """Return a sentence for each object that the reach cuts and for each tiny object."""
     (toward, back), units, side = scene.frustum.reach, scene.units, max(scene.plate.size)
     reach = f"the reach is {length(back)} {units} behind the plate and {length(toward)} before it"
     cut, tiny = [], []
@@ -130,7 +130,7 @@ def _first(messages: list[str]) -> tuple[str, ...]:
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
-    """Return, with sizes, why apertures do not show an object: out of reach, or to the side."""
+    """Return, with sizes, the reason why no aperture shows an object: its depth or its side."""
     (toward, back), units, (low, high) = scene.frustum.reach, scene.units, box(part)
     share = share_in_reach(part, scene.frustum)
     if share is None:

@@ -52,7 +52,7 @@ class Survey(NotebookRepr):
         return bad.index(min(bad))
 
     def at_most(self, stats: rows.SettingStats) -> float | None:
-        """Return the bound on the share of hogels beyond; None while parts of a job are missing."""
+        """Return the bound on the share of hogels beyond; None while a part is missing."""
         return self.extent.at_most(stats.beyond)
 
     def bound_words(self, stats: rows.SettingStats) -> str:
@@ -62,7 +62,7 @@ class Survey(NotebookRepr):
 
     @property
     def exceeded(self) -> bool:
-        """True if the share exceeds `until`, or without `until`, if a judged hogel is beyond."""
+        """True if the bound exceeds `until` or, without `until`, if a judged hogel is beyond."""
         stats, limit = self.stats[self.best], self.extent.sample.until
         share = self.at_most(stats)
         return stats.beyond > 0 if limit is None else share is None or share > limit
@@ -143,7 +143,7 @@ FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 
 #: number of the worst hogels on the map of displacement
 MARKED_HOGELS = 3
-#: factor by which the axis of displacement exceeds the values
+#: factor by which the axis of displacement extends beyond the values
 DISTRIBUTION_MARGIN = 3.0
 
 #: worst hogels with their pictures

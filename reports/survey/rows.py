@@ -1,4 +1,4 @@
-"""Work of a survey: hogels judged in blocks, a row for each hogel and setting, and its statistics.
+"""Work of a survey: hogels judged in blocks, rows of hogels and settings, and statistics of rows.
 
 A map has at most `MAX_MAP_CELLS` cells along a side, and a cell shows its worst hogel.
 """
@@ -53,8 +53,8 @@ MAP_COLUMNS = {
 #: longest side of a picture on the page
 MAX_PICTURE_PX = 512
 
-#: Pixels drawn and judged in a block, including the overhead of hogels: 10 to 60 s of one core. A
-#: task costs a scheduler a few milliseconds.
+#: Number of pixels drawn and judged in a block, including the overhead of hogels: 10 to 60 s of one
+#: core, long compared with the few milliseconds that a scheduler takes for a task.
 PIXELS_PER_BLOCK = 1 << 22
 
 #: Overhead of a hogel, pixels: transforming the triangles of the car for each drawing and each link
@@ -64,8 +64,8 @@ PIXELS_PER_HOGEL = 1 << 16
 #: smallest number of blocks, so that several workers have work on a small sample
 MIN_BLOCKS = 16
 
-#: Number of hogels, in whole rows, of a block whose truths are decided by directions: all share
-#: each pass over the scene, and a killed process loses at most two minutes of work.
+#: Number of hogels, in whole rows, of a block with truths by directions: all of them share each
+#: pass over the scene, and a killed process loses at most two minutes of work.
 DIRECTIONS_BLOCK = 1 << 12
 
 
@@ -81,10 +81,10 @@ class Device:
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyRow:
-    """Row of one hogel and setting: the measures of `report`, and errors by cause.
+    """Row of a hogel and a setting: the measures of `report`, and errors by cause.
 
     `beyond` (`compare.beyond`) also includes wrong surfaces, because displacement does not reveal
-    z-fighting or a missing object: every visible point may be in its place.
+    z-fighting or a missing object: every visible point may lie in its place.
     """
 
     column: int
@@ -212,7 +212,7 @@ class SettingStats:
 
 
 def counted_rows(rows: pa.Table) -> pa.Table:
-    """Return the columns that statistics need: plates have millions of rows."""
+    """Return only the columns that statistics need, because plates have millions of rows."""
     return rows.select([name for name in rows.column_names if name in COUNTED or is_mapped(name)])
 
 
@@ -220,7 +220,7 @@ def stats_of(
     hogels: tuple[int, int], settings: int, rows: Sequence[pa.Table]
 ) -> tuple[SettingStats, ...]:
     """Return the statistics of each setting; see `counted_rows`."""
-    # A part of a job array may have no block, and finish first.
+    # A part of a job array may have no block, or finish before any other part.
     none = pa.table({name: pa.array([], pa.float64()) for name in COUNTED})
     table = pa.concat_tables(rows) if rows else none
     number = _numbers(table, "setting")
@@ -241,7 +241,7 @@ def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
 
 
 def rows_per_block(scene: Scene) -> int:
-    """Return the number of plate rows of a block whose truths are decided by directions."""
+    """Return the number of plate rows of a block with truths by directions."""
     columns, rows = scene.plate.hogels
     return min(
         tile_rows(scene.frustum, columns),
@@ -260,7 +260,7 @@ class ShownHogel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurveyJob(HogelJob):
-    """Hogels of a scene, drawn with some settings and judged in blocks, each a part of rows."""
+    """Job that draws and judges hogels with some settings; each block writes a part of rows."""
 
     name = "survey"
     scene: Scene

@@ -50,8 +50,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
 
     Every hogel is drawn with each setting; `compare.beyond` defines the hogels beyond
     `tolerance_px`. `tracer` gives a second opinion on the truth. `truth_by` is the order in which
-    truths are computed; rows are equal. `engine` judges the hogels, by default in one process per
-    processor. `note` receives sentences.
+    truths are computed; it changes no row. `engine` judges the hogels, by default in one process
+    per processor. `note` receives sentences.
 
     A stopped survey continues. Rows equal the rows of an undisturbed run, except the index of
     `device`, which identifies the worker's device.
@@ -100,7 +100,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         "tolerance_px": tolerance_px,
     }
     work |= {"scene": scene_description(scene), "hogels": sample.description}
-    # Blocks depend on the order of truths: a message about a difference then names only the order.
+    # Blocks depend on the order of truths: a message on another order then does not name blocks.
     work["truths"] = {"--truth-by": order, order: {"block": size}}
     parts.open(json_ready(work))
 
@@ -113,7 +113,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         progress_bar(sum(map(job.size, own)), job.name, job.unit, shown=progress) as bar,
     ):
         for look in range(sample.looks):
-            # Parts of a job array have only one look.
+            # Only a growing sample, which job arrays refuse, has more than one look.
             if look:
                 grown = PathApertures(plate, sample.new_places(look))
                 own = blocks = blocks_of(grown, size, blocks[-1].number + 1)

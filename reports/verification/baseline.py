@@ -1,4 +1,4 @@
-"""`verify --baseline`: differences of a verification from the accepted verification.
+"""`verify --baseline`: differences between a verification and the accepted verification.
 
     DIR/accepted/KEY.json    verification.json of the accepted run, with its origin
 
@@ -53,7 +53,7 @@ MEASURES = {
 """Measures of a hogel, most important first; smaller is better."""
 
 ROUNDING_PX = 1e-6
-"""Largest rounding of displacements, px: some hundred operations on doubles up to 1e3 px."""
+"""Largest rounding error of displacements, px: some hundred operations on doubles up to 1e3 px."""
 
 # Largest number of listed changes of a kind; time limit of git, seconds.
 MAX_LISTED, GIT_SECONDS = 8, 20.0
@@ -118,7 +118,7 @@ class Stated:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasureChange:
-    """One measure of a hogel and its accepted value."""
+    """A measure of a hogel, its accepted value, and its change."""
 
     measure: str
     aperture: Place
@@ -153,7 +153,7 @@ class Run:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """Properties that comparable runs share."""
+        """Properties that are equal in comparable runs."""
         return self.scene_hash, self.renderer, self.device, self.judged
 
     @property
@@ -174,18 +174,18 @@ _RUN = TypeAdapter(Run)
 class BaselineOptions:
     """Options of the comparison with the accepted run."""
 
-    #: name of the renderer; None: the source
+    #: name of the renderer; None selects the source
     renderer: str | None = None
-    #: name of the renderer's device; None: this machine's processor
+    #: name of the renderer's device; None selects this machine's processor
     device: str | None = None
     #: `near`, `accept` and `encoding` of `verify`: measures depend on them
     near: float | None = None
     accept: Sequence[str] = ()
     encoding: str | None = None
-    #: None: measures are compared exactly
+    #: tolerances; None compares measures exactly
     tolerance: Stated | None = None
     approve: bool = False
-    #: folder whose commit is noted; None: the current one
+    #: folder whose commit is noted; None selects the current folder
     repository: Path | None = None
 
 
@@ -220,7 +220,7 @@ class Baseline:
 
     @property
     def passed(self) -> bool:
-        """True if nothing got worse and new hogels keep to the limits, or all was approved."""
+        """True if no measure is worse and new hogels keep to the limits, or if approved."""
         return self.approved or (self.change is not Change.WORSE and not self.new_beyond_limits)
 
     def of_kind(self, change: Change) -> list[MeasureChange]:
@@ -247,7 +247,7 @@ def baseline(
     """Compare a verification with the accepted run in a folder; store it there if approved.
 
     Raises InputError if the folder cannot be written, or contains a file that is not an accepted
-    run; then nothing is approved.
+    run; in that case the run is not approved.
     """
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
@@ -364,7 +364,7 @@ def _changes(
         before = {} if there is None else measures(there)
         kinds = {(of or {}).get("by") for of in (hogel["as_found"], (there or {}).get("as_found"))}
         if len(kinds - {None}) > 1:
-            # Wrong pixels of another kind are another measure.
+            # Numbers of wrong pixels of different kinds are not comparable.
             before["wrong_pixels"] = None
         for name, now in present.items():
             was = before.get(name)

@@ -2,10 +2,11 @@
 
 With `--workers`, `--scheduler` and `--part` any process may judge any block. The finished parts are
 merged into the verification that a single process would return; the worst hogels are judged once
-more for their pictures. The first process diagnoses the renderer and stores the diagnosed models
-beside the parts, because a renderer with noise draws other images each time. Files count as
-unchanged if sizes and times are equal. Dependencies of a command are unknown: an interrupted
-verification continues, except for hogels without an image; a finished verification starts again.
+more for their pictures. The first process diagnoses the renderer and stores the diagnosis beside
+the parts: a renderer with noise draws other images each time, and all processes must judge by one
+diagnosis. Image files count as unchanged if their sizes and times are equal. Dependencies of a
+command are unknown: an interrupted verification of a command continues, except for hogels without
+an image, and a finished one starts again.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ class VerifySession(Session):
     def known(self) -> tuple[str, Question]:
         """Digest and question, shared by all processes; the first call diagnoses the renderer."""
         parts = self.job.parts
-        # The diagnosis is written once: all processes must judge by the same diagnosis.
+        # Write the diagnosis once, because all processes must judge by the same diagnosis.
         if parts.read_beside(QUESTION) is None:
             parts.write_beside(QUESTION, _json(self.run.question()).encode())
         content = parts.read_beside(QUESTION)
@@ -240,8 +241,7 @@ def _description(job: VerifyJob, size: int) -> dict[str, object]:
     renderer |= {name: getattr(options, name) for name in ("command", "encoding", "timeout_s")}
     # Absolute file names make the record independent of the current folder.
     renderer["place"] = str(Path(request.folder or "", str(request.source or "")))
-    # Scene and seed determine the hogels of a plate or a sample: a list of millions of indices
-    # would bloat the record.
+    # List only chosen hogels: scene and seed determine the millions of hogels of a plate or sample.
     chosen = request.apertures if isinstance(request.apertures, list) else ()
     return {
         "scene": request.scene.content_hash,

@@ -34,11 +34,11 @@ class VerifyOptions:
     command: str | None = None
     #: time limit of one run, seconds, > 0
     timeout_s: float = 60.0
-    #: meaning of pictures; None: `rgb`
+    #: meaning of pixel values in pictures; None selects `rgb`
     encoding: Encoding | str | None = None
     #: layout of a folder or picture (docs/layouts.md)
     layout: str | None = None
-    #: columns and rows of hogels; None: the whole plate
+    #: columns and rows of hogels; None selects the whole plate
     apertures: Sequence[tuple[int, int]] | None = None
     #: intended near offset of the renderer, scene units
     near: float | None = None
@@ -46,15 +46,16 @@ class VerifyOptions:
     accept: Sequence[str] = ()
     #: largest share of wrong surfaces, colors or outlines in each hogel
     max_wrong: float = MAX_WRONG
-    #: limit of the 99th percentile of displacement, px; unknown exceeds it; None: no limit
+    #: limit of the 99th percentile of displacement, px; None for no limit. Unknown displacement
+    #: exceeds any limit.
     max_displacement_px: float | None = TOLERANCE_PX
-    #: largest difference of linear radiance of a right color; None: `COLOR_TOLERANCE`
+    #: largest error in linear radiance of a color that counts as right; None: `COLOR_TOLERANCE`
     max_color: float | None = None
     #: compared property of plain pictures: `color`, or `geometry` (shown pixels and outlines)
     compare: Compared | str = Compared.COLOR
-    #: model of the machine that drew; None: any
+    #: model of the device that drew; None selects any device
     device: DeviceModel | None = None
-    #: number of random hogels, >= 1; None: `apertures`
+    #: number of random hogels, >= 1; None selects `apertures`
     sample: int | None = None
     #: share of the plate, 0 to 1, at which growing samples stop
     until: float | None = None
@@ -76,7 +77,7 @@ class Request:
     #: pattern or place of files, or a function; None for a command
     source: str | Renderer | None
     options: VerifyOptions
-    #: meaning of pictures
+    #: meaning of pixel values in pictures
     encoding: Encoding
     #: declared model of the renderer
     nominal: RendererModel

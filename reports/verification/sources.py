@@ -88,7 +88,7 @@ class Source:
 
     @property
     def of_views(self) -> bool:
-        """Truth of hogels being put together from views."""
+        """True if hogels are assembled from views."""
         return False
 
     @cached_property
@@ -188,7 +188,7 @@ class LaidOut(Source):
 
     @property
     def of_views(self) -> bool:
-        """Truth of hogels being put together from views."""
+        """True if hogels are assembled from views."""
         return not self.files.layout.in_hogels
 
     def check(self, apertures: Sequence[Aperture]) -> None:
@@ -242,8 +242,8 @@ class LaidOut(Source):
 class StoredPlate(Source):
     """A plate in a Zarr group: triangle numbers, colors, or both, by the encoding.
 
-    By default 8-bit colors are not judged if there are triangle numbers: they are clipped at 1, and
-    true colors are not.
+    By default 8-bit colors are not judged if there are triangle numbers, because 8-bit colors are
+    clipped at 1 and true colors are not.
     """
 
     place: Path
@@ -342,7 +342,7 @@ class Function(Source):
         }
         if any(array.shape[:2] != (height, width) for array in arrays.values()):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
-        # The image gets the camera of the aperture that was passed to the function.
+        # Use the camera of the aperture that was passed to the function, not the image's camera.
         return HogelImage(camera=self.reference.camera(aperture), **arrays)
 
 
@@ -361,8 +361,8 @@ def run_program(arguments: list[str], folder: Path, timeout_s: float, working: P
         return ": " + " | ".join(line.strip() for line in lines) if lines else ""
 
     try:
-        # Delay signals until the process is recorded. A session of its own allows ending all
-        # children of a hanging command.
+        # Delay signals until the process is recorded. Start it in a new session, so that all
+        # children of a hanging command can be ended.
         with delayed(), log.open("wb") as stderr:
             process = subprocess.Popen(
                 arguments,
@@ -471,7 +471,7 @@ def opened(request: Request, reference: Reference) -> Iterator[Source]:
 def state_of(request: Request) -> str:
     """Return a digest of names, sizes and times of the image files.
 
-    For a command: of its program, and of every file named by its arguments.
+    For a command, the files are its program and every file that its arguments name.
     """
     folder, command = request.folder or Path.cwd(), request.options.command
     paths: Iterator[str]
@@ -499,7 +499,7 @@ def state_of(request: Request) -> str:
 
 
 def require_state(request: Request, state: str) -> None:
-    """Raise InputError if image files differ from the files of the command."""
+    """Raise InputError if a worker's image files differ from the files that the command read."""
     command, folder = request.options.command, request.folder
     name = request.source if command is None else f"--command {command!r}"
     # Absolute names need no folder.

@@ -56,17 +56,17 @@ class Pictured:
 
     aperture: Aperture
     words: str
-    #: share of wrong pixels as delivered, and as corrected
+    #: shares of wrong pixels as delivered and as corrected
     badness: tuple[float, float]
     pictures: dict[str, str]
-    #: all channels, where selected
+    #: all channels, if requested
     inspected: InspectedHogel | None = None
 
     @classmethod
     def from_figures(
         cls, scene: Scene | None, aperture: Aperture, as_found: Figures, corrected: Figures
     ) -> Self:
-        """Draw truth, image and wrong pixels, as delivered and corrected; a scene adds channels."""
+        """Draw truth, image and wrong pixels, as delivered and corrected; scene: all channels."""
         truth, pictures = _shown(as_found.answer, as_found.image), {}
         # The corrected image is judged by another model, with another truth.
         rest = _shown(corrected.answer, corrected.image)
@@ -86,7 +86,7 @@ class Pictured:
 
 
 def badness(as_found: Figures, corrected: Figures) -> tuple[float, float]:
-    """Return the sort key of hogels: the worst has the largest."""
+    """Return the sort key of hogels: the worst hogel has the largest key."""
     return as_found.numbers.judged_fraction, corrected.numbers.judged_fraction
 
 
@@ -109,8 +109,8 @@ class WorstHogels:
 def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
     """Return a picture of an image: its colors, or else a color for each surface.
 
-    Surfaces are the triangles or objects that `like` identifies (default: `image`), because a truth
-    identifies both.
+    Surfaces are triangles or objects, whichever `like` (default: `image`) identifies. A truth
+    identifies both, and must be drawn like the image next to it.
     """
     if image.color is not None:
         linear = np.clip(np.nan_to_num(image.color), 0, 1)
@@ -139,7 +139,7 @@ class Verification(Verdict, NotebookRepr):
     scene: Scene
     source: str
     diagnosis: Diagnosis
-    #: the worst first
+    #: pictured hogels, the worst first
     worst: tuple[Pictured, ...] = field(default=(), repr=False)
     #: extent of a sample of the plate; None for chosen hogels
     extent: SampleExtent | None = None
@@ -158,7 +158,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def kept(self) -> bool:
-        """True if every hogel passes, or with `until`, if the bound is at most `until`."""
+        """True if every hogel passes or, with `until`, if the bound is at most `until`."""
         limit = None if self.extent is None else self.extent.sample.until
         share = self.share_at_most
         return self.passed if limit is None else share is not None and share <= limit
@@ -213,7 +213,7 @@ class Verification(Verdict, NotebookRepr):
         return [_defect(fault, words.defect_words(fault, self.scene, by)) for fault in faults]
 
     def guesses(self, *, printed: bool = False) -> list[dict[str, Any]]:
-        """Return defects that explain too little; `printed`: those that explain more than 0 %."""
+        """Return defects that explain too little; if `printed`, only those above 0 %."""
         diagnosis = self.diagnosis
         guesses = diagnosis.guesses if printed else diagnosis.does_not_explain
         return [
@@ -250,7 +250,7 @@ class Verification(Verdict, NotebookRepr):
         }
 
     def _sample_summary(self) -> dict[str, Any]:
-        """Return the bound for the plate, in JSON types; nothing without a sample."""
+        """Return the bound for the plate, in JSON types; empty without a sample."""
         if self.extent is None:
             return {}
         sample = self.extent.sample
@@ -380,7 +380,7 @@ def number(value: float | None, unit: str | None) -> str:
         return ""
     if unit == "share":
         return words.percent(value)
-    # Above 2^53 doubles skip integers: all digits would pretend precision.
+    # Above 2^53, doubles skip integers: printing all digits would suggest false precision.
     whole = float(value).is_integer() and abs(value) < 2**53
     return f"{value:,.0f}" if whole else plain(f"{value:.6g}")
 

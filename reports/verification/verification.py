@@ -1,4 +1,4 @@
-"""`xfrustum verify`: verdict on a foreign renderer, and a diagnosis where it is wrong.
+"""`xfrustum verify`: verdict on a foreign renderer, and a diagnosis of wrong images.
 
 Steps: test the request, open the source of images, decode and diagnose a sample of hogels
 (`compare.diagnosis`), judge every hogel by the nominal and by the diagnosed model

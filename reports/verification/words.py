@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Largest number of hogels that a sentence or the terminal names.
 MAX_LISTED = 10
 
-# Largest deviation of an offset from half a pitch to count as hogel corners, pitches.
+# Largest deviation from half a pitch of an offset that points to hogel corners, in pitches.
 CORNER_PITCHES = 0.01
 
 NOTHING_TO_JUDGE = (
@@ -43,7 +43,7 @@ JUDGED = {
     "outlines": "geometry: where pictures show something, and where outlines run, in whatever "
     "shading; not what lies between outlines",
 }
-"""Judged property by `HogelNumbers.by`; other plain pictures are judged by colors."""
+"""Judged property by `HogelNumbers.by`; pictures without an entry here are judged by colors."""
 
 UNITS = {
     10.0: ("millimeters", "centimeters"),
@@ -81,7 +81,7 @@ def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
 
 def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
     """Return the facts about the scene that the sentence of a defect needs."""
-    # Names are `front-near-offset` or `near-x`: half of the display, group and axis.
+    # A name such as `front-near-offset` or `near-x` has half of the display, group and axis.
     half, _, rest = defect.fault.partition("-")
     alone = {"front": "C*", "back": "C"}.get(half, "")
     axis = names.axis_of(defect.fault) or "x"
@@ -93,7 +93,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
     if not isinstance(value, float):
         return facts
     if defect.fault == names.VIEW_SHEAR and screen is not None:
-        # A share s of the shear 1/Z registers views at the height h with 1/(Z - h) = s/Z.
+        # Views with s times the shear 1/Z coincide at the height h for which 1/(Z - h) = s/Z.
         facts["height"] = f"{screen.height * (1 - 1 / value):.4g} {scene.units}"
     # The plate has a size only along x and y.
     if axis != "z":
@@ -122,7 +122,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
 def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
     """Return the sentence of a defect that explains too little, or makes right pixels wrong."""
     words, share = defect_words(defect, scene, witnesses(diagnosis)), defect.explains or 0.0
-    # Refuted guesses are parts of one correction; the last guess has the figures of all.
+    # Refuted guesses are parts of one correction; the last guess has the figures of the whole.
     parts = [guess for guess in diagnosis.does_not_explain if guess.refuted]
     if defect in parts[:-1]:
         return words

@@ -34,7 +34,7 @@ HERE = Path(__file__).resolve().parent
 Array = np.ndarray[Any, Any]
 """Numbers of any type and shape."""
 
-#: passes, and attributes of faces, with numbers from 1; 0 is no surface
+#: passes and face attributes with triangle and object numbers plus one; 0 is the background
 TRIANGLE, OBJECT = "xfrustum_triangle", "xfrustum_object"
 #: empty that represents the plate; hogels follow its placement
 PLATE_EMPTY = "xfrustum plate"
@@ -65,7 +65,8 @@ Surfaces beyond the reach are left out afterwards, by their positions.
 CENTER_FILTER_PX = 0.01
 """Width of the pixel filter for one sample, pixels: the smallest of Cycles.
 
-The camera moves every sample to the center of its pixel; a wider filter could give it to the next.
+The camera moves every sample to the center of its pixel; a wider filter could assign the sample to
+the next pixel.
 """
 
 INTERRUPTED = 130
@@ -110,7 +111,7 @@ def film(plate: Mapping[str, Any], center: tuple[float, float]) -> tuple[list[fl
     screen = plate["screen"]
     if screen is None:
         return [0.0, 0.0], [math.tan(angle / 2) for angle in plate["fov"]]
-    # Rays start in the plate; slopes are per unit of depth behind it.
+    # Slopes are sideways shifts per unit of depth behind the plate.
     behind = -screen["height"]
     shear = [
         (middle - place) / behind for middle, place in zip(screen["center"], center, strict=True)
@@ -236,11 +237,11 @@ def encoded(
     """Return the file of a hogel from the passes of Cycles, by the names of their channels.
 
     The encoding `triangle-id` gives PNG, `exr` OpenEXR; `to_plate` maps the world to the plate's
-    frame. Surfaces beyond the reach are left out: no other surface can lie in front of them on the
-    pixel's line.
+    frame. Surfaces beyond the reach are left out: they are first hits, so that no other surface
+    lies in front of them on the pixel's line.
     """
 
-    # (channels, H, W), for any name of the view layer.
+    # Return (channels, H, W); the view layer may have any name.
     def named(*channels: str) -> Array:
         ends = (
             next(plane for name, plane in planes.items() if name.endswith(f".{end}"))
@@ -275,7 +276,7 @@ def encoded(
     written: dict[str, Array] = dict(
         zip(("P.X", "P.Y", "P.Z", "Z"), (*points, points[2]), strict=True)
     )
-    # Normals of triangles by their winding, NaN where there is none.
+    # Normals of triangles by their winding, NaN where there is no triangle.
     if numbers:
         with np.load(HERE / "scene.npz") as stored:
             corners = stored["vertices"][stored["faces"]]
@@ -290,7 +291,7 @@ def encoded(
         )
     else:  # normals and colors of Cycles
         seen = np.moveaxis(named("Normal.X", "Normal.Y", "Normal.Z"), 0, -1)
-        # The map is a rotation with a uniform scale, which normals do not take.
+        # `to_plate` is a rotation with a uniform scale; divide by the scale for normals.
         seen = seen @ (to_plate[:3, :3] / np.linalg.norm(to_plate[:3, 0])).T
         normals = np.where(shown, np.moveaxis(seen, -1, 0), np.nan)
         colors = np.where(shown, named("Combined.R", "Combined.G", "Combined.B"), 0)
@@ -334,8 +335,8 @@ def interruptions() -> list[int]:
 def hide_known_complaints() -> None:
     """Hide two harmless tracebacks of Blender as a Python module.
 
-    It lacks oslquery, which lists parameters of shaders, and the camera has none; and it queries
-    the session of renderers after their removal.
+    The module lacks oslquery, which lists parameters of shaders; the camera's shader has none.
+    Blender also queries the session of renderers after their removal.
     """
     shown, unraisable = sys.excepthook, sys.unraisablehook
 
@@ -422,7 +423,7 @@ def build_scene(bpy: Any, mathutils: Any, plate: Mapping[str, Any]) -> None:
 
 
 def material(bpy: Any, name: str, color: Sequence[float]) -> Any:
-    """Return a matte material that writes the numbers of its triangle and object, too."""
+    """Return a matte material that also writes the numbers of triangles and objects."""
     made = bpy.data.materials.new(name)
     if made.node_tree is None:
         made.use_nodes = True
@@ -470,7 +471,7 @@ def placed(empty: Any) -> tuple[Array, float]:
 def set_renderer(
     bpy: Any, plate: Mapping[str, Any], encoding: str, samples: int | None, scale: float
 ) -> None:
-    """Set Cycles for an encoding: one sample and no bounce for numbers, the user's for pictures."""
+    """Set Cycles for an encoding: for numbers one sample and no bounces, else the user's."""
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = plate["resolution"]
