@@ -1,8 +1,8 @@
 """Second reader of mesh files, written from the formats' specifications, for tests only.
 
 It is slow and plain: one loop per rule. It shares no code with `xfrustum.scenes`, so that an error
-of one reader does not recur in the other. `python -m tests.second_reader FILE..` prints both
-readings.
+of one reader does not recur in the other. `python -m tests.second_reader FILE..` compares both
+readers.
 """
 
 from collections.abc import Callable

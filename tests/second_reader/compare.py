@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,58 +17,28 @@ from xfrustum.scenes import InputError
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 
 
-@dataclass(frozen=True)
-class Side:
-    """Figures of one reading, or its refusal."""
-
-    triangles: Floats | None = None  #: corners (F, 3, 3)
-    refusal: str | None = None
-
-    def __str__(self) -> str:
-        if self.triangles is None:
-            return f"refused: {self.refusal}"
-        a, b, c = np.moveaxis(self.triangles, 1, 0)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-        corners = self.triangles.reshape(-1, 3)
-        low, high = (
-            "(" + ", ".join(f"{value:.6g}" for value in bound) + ")"
-            for bound in (corners.min(axis=0), corners.max(axis=0))
-        )
-        return f"{len(a):9,} {area:13.8g}  {low} to {high}"
-
-
-@dataclass(frozen=True)
-class Row:
-    """Both readings of a file."""
-
-    product: Side
-    second: Side
-    difference: str | None  #: difference in words; None if the readings are equal, or both refuse
-
-
 def product_triangles(path: Path) -> Floats:
     """Return the product's triangles of a file, (F, 3, 3)."""
     mesh = load_mesh(path)
     return np.asarray(mesh.vertices[mesh.faces])
 
 
-def compare(path: Path) -> Row:
-    """Read a file with both readers."""
-    reading = None
+def compare(path: Path) -> str | None:
+    """Return the difference of both readings of a file; None if they agree, or both refuse."""
+    reading = product = None
+    refusals = []
     try:
         reading = read(path)
-        second = Side(np.array([t for polygon in reading.polygons for t in cut(polygon)]))
+        _ = [cut(polygon) for polygon in reading.polygons]  # refuses polygons that cross themselves
     except Refused as refusal:
-        second = Side(refusal=str(refusal))
+        refusals.append(f"the second reader alone refuses: {refusal}")
     try:
-        product = Side(product_triangles(path))
+        product = product_triangles(path)
     except InputError as refusal:
-        product = Side(refusal=str(refusal))
-    if reading is None or second.triangles is None or product.triangles is None:
-        both = second.triangles is None and product.triangles is None
-        refuser = "the product" if product.triangles is None else "the second reader"
-        return Row(product, second, None if both else f"{refuser} alone refuses")
-    return Row(product, second, difference(product.triangles, reading))
+        refusals.append(f"the product alone refuses: {refusal}")
+    if len(refusals) == 1:
+        return refusals[0]
+    return difference(product, reading) if product is not None and reading is not None else None
 
 
 def difference(product: Floats, reading: Reading) -> str | None:

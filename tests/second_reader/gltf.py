@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tests.second_reader.model import ROUNDING, Floats, Placement, Reading, Refused
 
@@ -241,13 +242,8 @@ def _composed(translation: Any, rotation: Any, scale: Any) -> Placement:
     """Return the map T R S; the rotation is a quaternion x, y, z, w (3.5.3)."""
     placement = Placement(np.diag([*(scale or (1.0, 1.0, 1.0)), 1.0]))
     if rotation is not None:
-        x, y, z, w = np.array(rotation) / np.linalg.norm(rotation)
         turn, sizes = np.eye(4), np.eye(4)
-        turn[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
+        turn[:3, :3] = Rotation.from_quat(rotation).as_matrix()
         sizes[:3, :3] = 3.0  # the absolute terms of an entry sum to at most 3, even if they cancel
         placement = Placement(turn, sizes) @ placement
     if translation is not None:

@@ -41,6 +41,10 @@ def random_gltf(seed: int) -> Writer:
         if random.random() < 0.1:
             extensions["KHR_node_visibility"] = {"visible": bool(random.random() < 0.3)}
         nodes[number]["extensions"] = extensions
+        if random.random() < 0.1:
+            node["camera"] = 0  # cameras hide neither a mesh nor the children of a node
+    if random.random() < 0.1:
+        del writer.tree["scenes"], writer.tree["scene"]  # all roots are drawn
     return writer
 
 
@@ -121,6 +125,13 @@ def _vectors(writer: Writer, random: Generator, count: int) -> int:
         bounds = np.iinfo(kind)
         rows = random.integers(bounds.min, bounds.max + 1, (count, 3)).astype(kind)
         more = {"normalized": bool(random.random() < 0.7)}
+    if random.random() < 0.2:
+        stored = np.pad(rows, ((0, 0), (1, 1)), constant_values=77)  # rows between other data
+        width = stored.itemsize
+        stride = -(-5 * width // 4) * 4
+        data = b"".join(row.tobytes().ljust(stride, b"\0") for row in stored)
+        view = writer.view(data, byteStride=stride)
+        return writer.array(rows, bufferView=view, byteOffset=width, **more)
     return writer.array(rows, **more, **_sparse(writer, random, rows))
 
 
@@ -128,12 +139,15 @@ def _sparse(writer: Writer, random: Generator, rows: NDArray[Any]) -> dict[str, 
     """Return the parts of an accessor that stores some rows as zeros and then replaces them."""
     if random.random() < 0.7:
         return {}
-    chosen = np.sort(random.choice(len(rows), int(random.integers(1, len(rows))), replace=False))
+    count = int(random.integers(1, len(rows) + 1))
+    chosen = np.sort(random.choice(len(rows), count, replace=False))
     base = rows.copy()
     base[chosen] = 0
     places = {"bufferView": writer.view(chosen.astype("<u1").tobytes()), "componentType": 5121}
     values = {"bufferView": writer.view(rows[chosen].tobytes())}
-    sparse = {"count": len(chosen), "indices": places, "values": values}
+    sparse = {"count": count, "indices": places, "values": values}
+    if count == len(rows):  # an accessor without a buffer view has zeros to replace
+        return {"sparse": sparse}
     return {"sparse": sparse, "bufferView": writer.view(base.tobytes())}
 
 

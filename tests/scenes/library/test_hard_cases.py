@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from tests.support.exact_brute_force import exact_pixels
+from tests.support.images import assert_same
 from tests.support.long_tail import thinned
 from tests.support.views import lines_by_definition
 from xfrustum.compare.attribution.budget import explain
@@ -54,26 +56,20 @@ def truth_of(name: str, aperture: Index = MIDDLE) -> HogelImage:
     return Reference(scene).trace(scene.plate.aperture(*aperture))
 
 
-def companions_of(image: HogelImage) -> dict[Index, list[int]]:
-    """Return the triangles of each tie in ascending order, by row and column."""
-    assert image.tied_triangles is not None
-    ties: dict[Index, list[int]] = defaultdict(list)
-    for row, column, triangle in image.tied_triangles.tolist():
-        ties[row, column].append(triangle)
-    return {index: sorted(triangles) for index, triangles in ties.items()}
-
-
 class View:
-    """The truth of an aperture, with column, row and line slopes of every pixel."""
+    """The truth of an aperture, with column, row, line slopes and ties of its pixels."""
 
     def __init__(self, name: str, aperture: Index = MIDDLE) -> None:
         self.image, scene = truth_of(name, aperture), scene_of(name)
-        places = np.indices(self.image.triangle.shape, dtype=np.int64)
-        self.row: Indices = places[0]
-        self.column: Indices = places[1]
+        self.row, self.column = np.indices(self.image.triangle.shape, dtype=np.int64)
         self.where = scene.plate.aperture(*aperture)
-        self.dx, self.dy, _ = np.moveaxis(lines_by_definition(scene, self.where), 2, 0)
-        self.ties = companions_of(self.image)
+        self.lines = lines_by_definition(scene, self.where)
+        self.dx, self.dy, _ = np.moveaxis(self.lines, 2, 0)
+        assert self.image.tied_triangles is not None
+        #: ascending triangles of each tie, by row and column
+        self.ties: dict[Index, list[int]] = defaultdict(list)
+        for row, column, triangle in sorted(self.image.tied_triangles.tolist()):
+            self.ties[row, column].append(triangle)
 
 
 equal = np.testing.assert_array_equal
@@ -84,6 +80,7 @@ VIEWS = [
     for aperture in hard_cases.CASES[name].apertures
 ]
 DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
+ARRAYS = ("triangle", "object", "position", "normal", "color")
 NEARS = (1e-3, 1e-6)
 """Near offsets as fractions of the reach."""
 
@@ -113,84 +110,66 @@ def test_every_case_is_documented_listed_and_opened_by_its_name() -> None:
 
 @pytest.mark.parametrize(("name", "aperture"), VIEWS)
 def test_the_truth_is_finite_and_consistent(name: str, aperture: Index) -> None:
-    scene, image = scene_of(name), truth_of(name, aperture)
+    view, frustum = View(name, aperture), scene_of(name).frustum
+    image, shown = view.image, view.image.triangle != NOTHING
     assert image.normal is not None and image.color is not None
-    assert image.certainty is not None and image.tied_triangles is not None
-    shown = image.triangle != NOTHING
+    assert image.certainty is not None
     equal(image.covered, shown)
-    assert np.isfinite(image.position[shown]).all() and np.isnan(image.position[~shown]).all()
+    assert np.isfinite(image.position[shown]).all()
     np.testing.assert_allclose(np.linalg.norm(image.normal[shown], axis=-1), 1.0, rtol=1e-12)
-    assert np.isnan(image.normal[~shown]).all()
     assert np.isfinite(image.color).all() and not image.color[~shown].any()
-    equal(image.object[shown], scene.object_of_triangle[image.triangle[shown]])
-    assert (image.object[~shown] == NOTHING).all()
-    viewer, back = scene.frustum.reach
+    viewer, back = frustum.reach
     assert (image.height[shown] <= viewer).all() and (image.height[shown] >= -back).all()
 
     assert not (image.certainty == Certainty.UNEXAMINED).any()
-    ties = companions_of(image)
-    assert sorted(ties) == [
-        tuple(index) for index in np.argwhere(image.certainty == Certainty.TIE).tolist()
-    ]
-    for (row, column), triangles in ties.items():
+    assert sorted(view.ties) == list(map(tuple, np.argwhere(image.certainty == Certainty.TIE)))
+    for pixel, triangles in view.ties.items():
         assert len(set(triangles)) == len(triangles) >= 2
-        assert image.triangle[row, column] == min(triangles)
+        assert image.triangle[pixel] == min(triangles)
     # Every surface point lies on the line of its pixel.
-    where = scene.plate.aperture(*aperture)
-    center = np.array([where.x, where.y, 0.0])
-    along = -image.height[..., None] * lines_by_definition(scene, where)
+    center = np.array([view.where.x, view.where.y, 0.0])
+    along = -image.height[..., None] * view.lines
     off = np.abs(image.position - (center + along))[shown]
     assert (off <= LINE_ROUNDING * (np.abs(center) + np.abs(along[shown]))).all()
 
 
 @pytest.mark.parametrize(("name", "aperture"), thinned((view.values for view in VIEWS), 7))
 def test_rational_arithmetic_agrees(name: str, aperture: Index) -> None:
-    scene, image = scene_of(name), truth_of(name, aperture)
+    view, random = View(name, aperture), np.random.default_rng(5)
+    image = view.image
     assert image.certainty is not None
-    random = np.random.default_rng(5)
     classes = [np.flatnonzero(image.certainty.ravel() == kind) for kind in Certainty]
     pixels = np.concatenate([random.permutation(members)[:CHECKED_EXACTLY] for members in classes])
-    ties = companions_of(image)
     for pixel, exact in zip(
-        pixels.tolist(), exact_pixels(scene, scene.plate.aperture(*aperture), pixels), strict=True
+        pixels.tolist(), exact_pixels(scene_of(name), view.where, pixels), strict=True
     ):
-        row, column = divmod(pixel, scene.frustum.resolution[0])
-        assert image.triangle[row, column] == min(exact.winners, default=NOTHING), (row, column)
-        assert -image.height[row, column] == pytest.approx(exact.s, rel=1e-12, abs=0, nan_ok=True)
-        expected = exact.winners if len(exact.winners) > 1 else []
-        assert ties.get((row, column), []) == expected, (row, column)
-
-
-def bits(image: HogelImage) -> list[bytes]:
-    assert image.normal is not None and image.color is not None
-    return [
-        a.tobytes()
-        for a in (image.triangle, image.object, image.position, image.normal, image.color)
-    ]
+        at = divmod(pixel, image.triangle.shape[1])
+        assert image.triangle[at] == min(exact.winners, default=NOTHING), at
+        assert -image.height[at] == pytest.approx(exact.s, rel=1e-12, abs=0, nan_ok=True)
+        assert view.ties.get(at, []) == (exact.winners if len(exact.winners) > 1 else []), at
 
 
 @pytest.mark.parametrize("name", thinned(SMALL, 9))
 def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: str) -> None:
     scene = scene_of(name)
-    reference = Reference(scene)
+    reference, reach = Reference(scene), scene.frustum.longest_reach
+    settings = [
+        DoubleFrustum(near=near * reach, depth=depth, mapping=mapping)
+        for near in NEARS
+        for depth, mapping in DEPTHS
+    ]
     with Rasterizer(scene) as rasterizer, Rasterizer(scene) as other:
-        for aperture in hard_cases.CASES[name].apertures:
+        for aperture, how in product(hard_cases.CASES[name].apertures, settings):
             where = scene.plate.aperture(*aperture)
-            for near in NEARS:
-                for depth, mapping in DEPTHS:
-                    settings = DoubleFrustum(
-                        near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping
-                    )
-                    drawn = rasterizer.render(where, settings)
-                    shown = drawn.triangle != NOTHING
-                    assert np.isfinite(drawn.position[shown]).all()
-                    assert drawn.color is not None and np.isfinite(drawn.color).all()
-                    assert bits(drawn) == bits(other.render(where, settings))
-                    judged = compare_images(truth_of(name, aperture), drawn, reference)
-                    json.dumps(judged.summary(), allow_nan=False)
-                    model = reference.trace_model(where, settings)
-                    explained = explain(scene, model, drawn, rasterizer.model)
-                    assert not explained.unexplained.any(), (aperture, settings)
+            drawn = rasterizer.render(where, how)
+            assert drawn.color is not None and np.isfinite(drawn.color).all()
+            assert np.isfinite(drawn.position[drawn.covered]).all()
+            assert_same(other.render(where, how), drawn, *ARRAYS)
+            judged = compare_images(truth_of(name, aperture), drawn, reference)
+            json.dumps(judged.summary(), allow_nan=False)
+            model = reference.trace_model(where, how)
+            explained = explain(scene, model, drawn, rasterizer.model)
+            assert not explained.unexplained.any(), (aperture, how)
 
 
 def peak_memory(work: str) -> int:

@@ -4,7 +4,6 @@ import base64
 import json
 import sys
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote_from_bytes
@@ -14,7 +13,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-from tests.scenes.meshes.soups import assert_reads
 from tests.support.gltf_writer import TENT, TENT_FACES, Writer
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
@@ -42,24 +40,6 @@ def tent() -> Writer:
     return writer
 
 
-def sparse() -> Writer:
-    """Return the tent as an accessor of zeros with sparse replacements."""
-    writer, rows = Writer(), np.flatnonzero(TENT.any(axis=1))
-    indices = {"bufferView": writer.view(rows.astype("<u1").tobytes()), "componentType": 5121}
-    values = {"bufferView": writer.view(TENT[rows].tobytes())}
-    replaced = {"count": len(rows), "indices": indices, "values": values}
-    writer.node(mesh=writer.tent(writer.array(TENT, sparse=replaced)))
-    return writer
-
-
-def interleaved() -> Writer:
-    writer, stored = Writer(), np.full((5, 5), 77, "<f4")
-    stored[:, 1:4] = TENT
-    view = writer.view(stored.tobytes(), byteStride=20)
-    writer.node(mesh=writer.tent(writer.array(TENT, bufferView=view, byteOffset=4)))
-    return writer
-
-
 def skinned() -> Writer:
     """Return the tent skinned to two joints that move together; the node's transform is ignored."""
     writer, back = Writer(), np.eye(4, dtype="<f4")
@@ -78,66 +58,17 @@ def skinned() -> Writer:
     return writer
 
 
-def instanced() -> Writer:
-    """Return the tent and a hidden tent; an instance's transform is the inverse of its node's."""
-    writer = Writer()
-    attributes = {
-        "TRANSLATION": writer.array(np.array([[1, 2, 3]], "<f4")),
-        "ROTATION": writer.array(np.array([[0, 0, 32767, 0]], "<i2"), normalized=True),
-        "SCALE": writer.array(np.array([[2, 2, 2]], "<f4")),
-    }
-    undone = [-0.5, 0, 0, 0, 0, -0.5, 0, 0, 0, 0, 0.5, 0, 0.5, 1, -1.5, 1]
-    node = writer.node(mesh=writer.tent(), matrix=undone)
-    writer.extend("nodes", node, INSTANCES, {"attributes": attributes})
-    hidden = writer.node(children=[writer.node(mesh=0, root=False)])
-    writer.extend("nodes", hidden, "KHR_node_visibility", {"visible": False})
-    return writer
-
-
-def below_others() -> Writer:
-    """Return the tent below a camera, which is below a line, in a file without scenes."""
-    writer = Writer()
-    child = writer.node(mesh=writer.tent(), translation=[-2, 0, 0], root=False)
-    camera = writer.node(children=[child], camera=0, translation=[2, 0, -1], root=False)
-    writer.node(mesh=writer.mesh(TENT, mode=3), children=[camera], translation=[0, 0, 1])
-    del writer.tree["scenes"], writer.tree["scene"]
-    return writer
-
-
-@pytest.mark.parametrize(
-    "make", [sparse, interleaved, skinned, instanced, below_others], ids=lambda make: make.__name__
-)
-def test_a_feature_gives_the_triangles_that_are_written_plainly(
-    make: Callable[[], Writer], tmp_path: Path
-) -> None:
-    path = make().save(tmp_path / "mesh.glb")
-    # The instance's quaternion rotates with rounding.
-    assert_reads(path, PLAIN, ROUNDING if make is instanced else 0.0)
-    np.testing.assert_allclose(corners(load_mesh(path)), PLAIN, rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.parametrize("kind", ["<i1", "<u1", "<i2", "<u2"])
-def test_normalized_integers_are_shares_of_the_largest(kind: str, tmp_path: Path) -> None:
-    bounds, writer = np.iinfo(kind), Writer()
-    stored = np.array([[bounds.min, 0, 0], [bounds.max, 0, 1], [0, bounds.max // 2, 0]], kind)
-    writer.node(mesh=writer.mesh(writer.array(stored, normalized=True)))
-    vertices = read(writer, tmp_path).vertices
-    np.testing.assert_array_equal(vertices, np.maximum(stored / bounds.max, -1))
-
-
 @pytest.mark.parametrize(
     ("mode", "faces"),
     [(5, [[0, 1, 2], [1, 3, 2], [2, 3, 4]]), (6, [[1, 2, 0], [2, 3, 0], [3, 4, 0]])],
 )
-@pytest.mark.parametrize("order", [None, np.array([3, 0, 4, 1, 2], "<u4")])
-def test_strips_and_fans_are_those_of_the_specification(
-    mode: int, faces: list[list[int]], order: Any, tmp_path: Path
+def test_strips_and_fans_are_numbered_by_the_formulas_of_the_specification(
+    mode: int, faces: list[list[int]], tmp_path: Path
 ) -> None:
-    """Section 3.7.2.1: formulas of strips and fans, with and without indices."""
-    writer = Writer()
+    """Section 3.7.2.1 of glTF 2.0."""
+    writer, order = Writer(), np.array([3, 0, 4, 1, 2], "<u4")
     writer.node(mesh=writer.mesh(TENT, order, mode=mode))
-    expected = TENT[faces if order is None else order[faces]]
-    np.testing.assert_array_equal(corners(read(writer, tmp_path)), expected)
+    np.testing.assert_array_equal(corners(read(writer, tmp_path)), TENT[order[faces]])
 
 
 def test_utm_coordinates_are_rounded_once(tmp_path: Path) -> None:
@@ -168,7 +99,6 @@ def placed(place: str) -> Writer:
         scale = [-1 if "mirrored" in place else 1, 4, 1]
         writer.add("skins", joints=[writer.node(scale=scale, rotation=[1, 0, 0, 0])])
     node = {
-        "uneven mirror": {"scale": [-1, 5, 0.2]},
         "sheared": {"matrix": [1, 0, 0.25, 0, 0.5, 2, 0, 0, 0, 0, -1, 0, 3, 0, 0, 1]},
         "instances": {"rotation": [0, 0, 0.5**0.5, 0.5**0.5]},
     }.get(place, {"skin": 0} if "joint" in place else {})
@@ -179,11 +109,9 @@ def placed(place: str) -> Writer:
     return writer
 
 
-@pytest.mark.parametrize(
-    "place", ["uneven mirror", "sheared", "instances", "joint", "mirrored joint", "quantized"]
-)
+@pytest.mark.parametrize("place", ["sheared", "instances", "joint", "mirrored joint", "quantized"])
 def test_normals_follow_the_surface_through_every_placement(place: str, tmp_path: Path) -> None:
-    """Faces point outward, as their normals do: the enclosed volume is positive."""
+    """Faces point outward, as their normals do; the shear mirrors too."""
     mesh = read(placed(place), tmp_path)
     assert mesh.vertex_normals is not None
     a, b, c = np.moveaxis(corners(mesh), 1, 0)
@@ -203,7 +131,7 @@ def test_nodes_are_numbered_as_trimesh_numbers_them(tmp_path: Path) -> None:
     Matrices of three or more levels are multiplied in another order, and round differently.
     """
     chance = np.random.default_rng(51)
-    for number in range(12):
+    for number in range(6):
         writer = Writer()
         meshes = [writer.tent(), writer.mesh(TENT * np.float32(0.3), TENT_FACES[:9]), writer.tent()]
         writer.tree["meshes"][2]["primitives"] *= 2
@@ -422,13 +350,11 @@ def test_instances_are_counted_before_they_are_placed(tmp_path: Path) -> None:
 
 
 def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> None:
-    """A hundred primitives share 19,998 vertices."""
+    """A hundred primitives share 19,998 vertices: copies of all for each exceed the memory."""
     writer, count = Writer(), 19_998
     points = np.random.default_rng(4).normal(size=(count, 3)).astype("<f4")
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
     faces = np.arange(count, dtype="<u4").reshape(-1, 3)[:, ::-1]
-    stored = writer.array(points)
-    writer.node(mesh=writer.mesh(stored, attributes={"NORMAL": stored}))
+    writer.node(mesh=writer.mesh(points))
     [mesh] = writer.tree["meshes"]
     mesh["primitives"] = [
         mesh["primitives"][0] | {"indices": writer.array(own.ravel())}
@@ -436,9 +362,8 @@ def test_vertices_that_a_primitive_does_not_use_are_left_out(tmp_path: Path) -> 
     ]
     with input_memory(1 << 26):
         whole = read(writer, tmp_path)
-    assert len(whole.vertices) == count and whole.vertex_normals is not None
+    assert len(whole.vertices) == count
     np.testing.assert_array_equal(corners(whole), points[faces])
-    np.testing.assert_allclose(whole.vertex_normals[whole.faces], points[faces], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0", "inverse"])

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.commands import Command
 from tests.support.long_tail import examples, thinned
 from tests.support.scene_file import film, named, part
 from tests.support.views import soup
-from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.scene_check.sight import require_seen, unseen_sentence, warnings
@@ -48,23 +48,23 @@ FRUSTA = pytest.mark.parametrize(
 FILM = film(
     (80.0, 60.0), hogels=(9, 7), resolution=(24, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0)
 )
-FAR, ASIDE = (1000.0, [0.0, 0.0, -8500.0]), (100.0, [5000.0, 0.0, -80.0])
 COMMANDS = {
-    "report": ["--near", "0.1", "--depth", "d24", "--out", "out", "--quiet"],
-    "plan": ["--quiet"],
-    "cost": ["--repeat", "1", "--quiet"],
-    "budget": ["--near", "0.1", "--quiet"],
-    "study figure7": ["--out", "out"],
-    "verify": ["{i}-{j}.png", "--quiet"],
-    "trace": ["--out", "out.exr", "--quiet"],
-    "raster": ["--near", "0.1", "--out", "out.exr"],
-    "plate": ["--near", "0.1", "--out", "out.zarr", "--quiet"],
+    "report": "--near 0.1 --depth d24 --out out --quiet",
+    "plan": "--quiet",
+    "cost": "--repeat 1 --quiet",
+    "budget": "--near 0.1 --quiet",
+    "study figure7": "--out out",
+    "verify": "{i}-{j}.png --quiet",
+    "trace": "--out out.exr --quiet",
+    "raster": "--near 0.1 --out out.exr",
+    "plate": "--near 0.1 --out out.zarr --quiet",
 }
 
 
-def write(folder: Path, scale: float, translate: list[float], name: str = "scene") -> str:
-    path = folder / f"{name}.toml"
-    path.write_text(named(name, "mm") + FILM + part("sphere", scale, tuple(translate)))
+def write(folder: Path, scale: float, translate: tuple[float, float, float]) -> str:
+    """Write the file of a scene of one sphere."""
+    path = folder / "scene.toml"
+    path.write_text(named("scene", "mm") + FILM + part("sphere", scale, translate))
     return str(path)
 
 
@@ -184,56 +184,43 @@ def test_no_hard_case_is_taken_for_empty(name: str) -> None:
         require_seen(scene, [scene.plate.aperture(*index)])
 
 
-FAR_WORDS = "(sphere) spans 8,000 to 9,000 mm behind the plate; the reach is 150 mm there"
-REFUSED = {
-    **{command: (command, FAR, FAR_WORDS) for command in COMMANDS},
-    "aside": (
-        "plan",
-        ASIDE,
-        "lies 4,950 to 5,050 mm to the right of the plate's middle; at its height",
-    ),
-    "left": ("plan", (100.0, [-5000.0, 0.0, -80.0]), "lies 4,950 to 5,050 mm to the left of"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_a_scene_that_no_aperture_sees_is_refused_with_sizes(
-    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    command, placed, message = REFUSED[case]
-    assert main([*command.split(), write(tmp_path, *placed), *COMMANDS[command]]) == 2
-    printed = capsys.readouterr()
+    write(tmp_path, 1000.0, (0.0, 0.0, -8500.0))
+    printed = command(f"{name} scene.toml {COMMANDS[name]}", status=2)
     assert printed.out == "" and printed.err.count("\n") == 1
+    message = "(sphere) spans 8,000 to 9,000 mm behind the plate; the reach is 150 mm there"
     assert message in printed.err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
-@pytest.mark.parametrize("command", ["trace", "raster", "plate"])
+@pytest.mark.parametrize(("x", "side"), [(5000.0, "right"), (-5000.0, "left")])
+def test_a_scene_aside_is_refused_with_its_distance(tmp_path: Path, x: float, side: str) -> None:
+    scene = open_scene(write(tmp_path, 100.0, (x, 0.0, -80.0)))
+    words = f"lies 4,950 to 5,050 mm to the {side} of the plate's middle; at its height"
+    assert words in str(unseen_sentence(scene, scene.default_apertures()))
+
+
+@pytest.mark.parametrize("name", ["trace", "plate"])
 def test_a_black_picture_of_an_empty_hogel_is_right_with_a_warning(
-    command: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    scene = write(tmp_path, 10.0, [38.0, 0.0, -12.0])
-    where = ["--apertures", "0,3"] if command == "plate" else ["--aperture", "0,3"]
-    assert main([command, scene, *where, *COMMANDS[command]]) == 0
-    error = capsys.readouterr().err
+    write(tmp_path, 10.0, (38.0, 0.0, -12.0))
+    where = "--apertures" if name == "plate" else "--aperture"
+    error = command(f"{name} scene.toml {where} 0,3 {COMMANDS[name]}").err
     assert "warning: scene: aperture 0,3 sees nothing" in error and "to the right" in error
 
 
-def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(tmp_path: Path) -> None:
     """Equal slices of a sphere have equal areas: from 50 to 170 behind, 20 of 120 are 1/6."""
-    scene = write(tmp_path, 120.0, [0.0, 0.0, -110.0])
-    assert main(["trace", scene, "--out", str(tmp_path / "out.exr"), "--quiet"]) == 0
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "object 0 (sphere) spans 50 to 170 mm behind the plate, and the reach is 150 mm" in error
-    share = float(error.rpartition(": ")[2].partition(" %")[0])
+    [warning] = warnings(open_scene(write(tmp_path, 120.0, (0.0, 0.0, -110.0))))
+    words = "object 0 (sphere) spans 50 to 170 mm behind the plate, and the reach is 150 mm"
+    assert warning.startswith(words)
+    share = float(warning.rpartition(": ")[2].partition(" %")[0])
     assert share == pytest.approx(100 / 6, abs=0.6)
 
 
