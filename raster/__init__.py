@@ -1,6 +1,7 @@
 """The second renderer: the paper's double frustum, drawn with OpenGL.
 
-* cameras: the two cameras as matrices, their passes, and their depth formats
+* cameras: the two cameras as matrices, their passes and depth formats, and views by direction
+* description: cameras for other renderers, as JSON, glTF and Mitsuba sensors
 * device: contexts, limits, targets, programs, meshes and fingerprints of OpenGL devices
 * plate: many hogels per submission, with the same pictures
 * shaders: the shaders, in GLSL

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import MAPPINGS, Pass
-from xfrustum.raster.device.mesh import Mesh
-from xfrustum.raster.device.positions import Identified
-from xfrustum.raster.device.programs import (
+from xfrustum.raster.cameras import MAPPINGS, Pass
+from xfrustum.raster.device.mesh import (
+    Identified,
+    Mesh,
     assign,
     picture_defines,
     program,

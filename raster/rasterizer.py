@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import FilmWindow, Pass, drawing_order
+from xfrustum.raster.cameras import FilmWindow, Pass, drawing_order
 from xfrustum.raster.device.context import (
     POSITION_BYTES,
     ContextOwner,
@@ -20,7 +20,7 @@ from xfrustum.raster.device.context import (
     describe,
     open_context,
 )
-from xfrustum.raster.device.positions import Positions
+from xfrustum.raster.device.mesh import Positions
 from xfrustum.raster.device.targets import Target, most_samples
 from xfrustum.raster.drawing import Drawing
 from xfrustum.scenes.appearance import Sampling, sub_apertures

@@ -22,8 +22,8 @@ from xfrustum.compare.planning.ways import (
 )
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Drawn, Rasterizer
+from xfrustum.raster.device.targets import TargetFormat
 from xfrustum.raster.plate.directions import DirectionRenderer
-from xfrustum.raster.plate.targets import TargetFormat
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.figure_style import INK, Figure, look, styled

@@ -25,8 +25,7 @@ from xfrustum.compare.run import Evaluator
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.context import describe, open_context
 from xfrustum.raster.plate.directions import DirectionRenderer
-from xfrustum.raster.plate.one_by_one import PlainLoop
-from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.raster.plate.renderer import PlainLoop, PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
 from xfrustum.reference.llvm import array_device, mitsuba_backend

@@ -13,7 +13,7 @@ WORDED = {
     "compare/diagnosis/defects.py",
     "compare/judging/verdict.py",
     "compare/renderer_model/conventions.py",
-    "raster/cameras/description.py",
+    "raster/description.py",
     "raster/device/context.py",
     "reference/llvm.py",
 }

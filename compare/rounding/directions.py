@@ -16,7 +16,7 @@ import numpy as np
 
 from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import PlateFilm, Precision, RoundingCamera
-from xfrustum.raster.cameras.directions import direction_pass
+from xfrustum.raster.cameras import direction_pass
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import TileLines
 from xfrustum.scenes.arrays import Indices, Numbers

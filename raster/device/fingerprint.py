@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
+from xfrustum.raster.cameras import INTERNAL_FORMAT
 from xfrustum.raster.device.targets import framebuffer, look_up_single_texels
 from xfrustum.scenes.arrays import Mask, Singles
 from xfrustum.scenes.plate import DepthFormat

@@ -1,15 +1,115 @@
-"""Triangles of a scene on the GPU in float32: corners, attributes, triangle numbers."""
+"""Shaders and the triangles that they draw: programs, vertex buffers, and surface points of pixels.
 
+Shaders are assembled from the folder `shaders` for a choice of effects. Triangles are on the GPU in
+float32. A compute pass returns the surface points of pixels from their triangle numbers.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from importlib.resources import files
+from typing import Protocol, TypeVar
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
+from OpenGL import GL
 
+from xfrustum.raster.cameras import Mapping as OpenGLMapping
+from xfrustum.raster.cameras import Pass
 from xfrustum.scenes.arrays import Indices, Singles
+from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene, read_only
+
+#: Effects computed in the picture's shaders; all others are separate cameras or passes
+SHADING = (
+    Effect.SMOOTH_NORMALS,
+    Effect.VERTEX_COLORS,
+    Effect.TEXTURES,
+    Effect.AMBIENT,
+    Effect.DIFFUSE,
+    Effect.SPECULAR,
+)
+
+#: names that a shader tests with `#ifdef`, and their values
+Defines = Mapping[str, str]
+
+
+def shader(name: str) -> str:
+    """Return a file of the folder `shaders`, with its includes replaced by the included files."""
+    text = (files("xfrustum.raster") / "shaders" / name).read_text()
+    lines = []
+    for line in text.splitlines():
+        word, _, included = line.partition(" ")
+        lines.append(shader(included.strip('"')) if word == "#include" else line)
+    return "\n".join(lines) + "\n"
+
+
+def defined(source: str, defines: Defines) -> str:
+    """Return a shader with definitions inserted after the first line, the GLSL version."""
+    version, rest = source.split("\n", 1)
+    return "\n".join(
+        (version, *(f"#define {name} {value}" for name, value in defines.items()), rest)
+    )
+
+
+def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
+    """Return the definitions that enable the effects of `SHADING` in the shaders."""
+    chosen = frozenset(effects)
+    return {effect.name: "1" for effect in SHADING if effect in chosen}
+
+
+def picture_defines(mapping: OpenGLMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
+    """Return the definitions for hogel.frag, of depth and effects; no color if None."""
+    depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
+    return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
+
+
+def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
+    """Return the definitions for reflection.frag: smooth normals or none."""
+    return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
+
+
+def program(context: moderngl.Context, fragment: str, defines: Defines) -> moderngl.Program:
+    """Return the program of `hogel.vert` and a fragment shader."""
+    return context.program(
+        vertex_shader=defined(shader("hogel.vert"), defines),
+        fragment_shader=defined(shader(fragment), defines),
+    )
+
+
+def assign(program: moderngl.Program, **uniforms: object) -> None:
+    """Set the uniforms that the program has; the compiler drops unused ones."""
+    for name, value in uniforms.items():
+        if name in program:
+            program[name] = value
+
+
+def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
+    """Set the uniforms of a camera with its number in drawing order, and W, H of the image."""
+    near, far = camera.planes
+    assign(
+        program,
+        clip_from_scene=tuple(camera.clip_from_scene.T.ravel().tolist()),
+        near=near,
+        far=far,
+        conjugate=1.0 if camera.orthoscopic else -1.0,
+        pixels=tuple(float(n) for n in size),
+        camera=number,
+    )
+    if "line_of_pixel" in program:
+        program["line_of_pixel"] = tuple(camera.line_of_pixel.T.ravel().tolist())
+
+
+def set_facing(context: moderngl.Context, camera: Pass) -> None:
+    """Set the winding of faces turned to a camera, and the culled faces."""
+    context.front_face = camera.front_face
+    if camera.culled_face is None:
+        context.disable(moderngl.CULL_FACE)
+    else:
+        context.cull_face = camera.culled_face
+        context.enable(moderngl.CULL_FACE)
+
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -168,3 +268,66 @@ def attribute_of(scene: Scene, name: str) -> Singles:
     if values is None:
         return np.zeros((len(scene.vertices), ATTRIBUTES[name]), dtype=np.float32)
     return np.ascontiguousarray(np.nan_to_num(values, nan=0.0).astype(np.float32))
+
+
+#: pixels of a work group, as in position.comp
+GROUP = 256
+
+#: number of work groups per dispatch that every device supports
+MAX_GROUPS = 65535
+
+#: Bytes of a point, three float32. Points are read in parts that fit one storage block.
+BYTES_PER_POINT = 12
+
+
+class Identified(Protocol):
+    """Picture with triangle and camera numbers that a shader can look up."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """W, H in pixels."""
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
+
+
+class Positions:
+    """Triangles of a scene (at least one) in double precision on the GPU, and the compute pass."""
+
+    def __init__(self, context: moderngl.Context, scene: Scene) -> None:
+        self._context = context
+        self._largest_block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
+        self._vertices = context.buffer(scene.vertices.tobytes())
+        self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
+        self._program = context.compute_shader(shader("position.comp"))
+        self._program["nothing"] = float("nan")
+
+    def read(self, target: Identified, drawn: Sequence[Pass], pixels: Indices) -> Singles:
+        """Return surface points (3, N) of a picture, scene units, NaN without a surface.
+
+        `pixels` (N,) are numbers of pixels, row by row from the top.
+        """
+        program = self._program
+        most = min(self._largest_block // BYTES_PER_POINT, MAX_GROUPS * GROUP)
+        target.bind_identity(0)
+        result = np.empty((3, len(pixels)), np.float32)
+        for start in range(0, len(pixels), most):
+            part = pixels[start : start + most]
+            numbers = self._context.buffer(part.astype(np.uint32).tobytes())
+            points = self._context.buffer(reserve=BYTES_PER_POINT * len(part))
+            for binding, buffer in enumerate(
+                (self._vertices, self._faces, points, numbers), start=1
+            ):
+                buffer.bind_to_storage_buffer(binding)
+            program["count"] = len(part)
+            for number, camera in enumerate(drawn):
+                program["camera"], program["cuts"] = number, camera.heights
+                program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
+                program.run(-(-len(part) // GROUP))
+            # The pass writes x of all points, then y, then z.
+            GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
+            read = np.frombuffer(points.read(), dtype=np.float32)
+            result[:, start : start + most] = read.reshape(3, -1)
+            points.release()
+            numbers.release()
+        return result

@@ -1,8 +1,7 @@
 """Many hogels per submission, with the same pictures as `Rasterizer`.
 
-* renderer: a plate as a stream of hogels
+* renderer: a plate as a stream of hogels, several per submission or one by one
 * picture: programs, draws, submissions and rounds of several hogels
-* targets: framebuffers with a layer for each hogel
+* directions: a plate drawn by directions, one picture for each pixel of its hogels
 * clusters: culling of clusters of triangles outside the frusta of a hogel
-* one_by_one: hogels drawn one by one, means over sub-apertures, and the plain loop of benchmarks
 """

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import Pass
+from xfrustum.raster.cameras import Pass
 from xfrustum.raster.device.mesh import ATTRIBUTES, NumberedMesh, attribute_of, number_triangles
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, read_only

@@ -2,7 +2,7 @@
 
 A picture has a pixel for each hogel. A plate with more hogels than pixels per hogel therefore needs
 fewer passes by directions than by hogels. It needs no near offset and no second camera
-(`cameras.directions`).
+(`cameras`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import moderngl
 
-from xfrustum.raster.cameras.cameras import MAPPINGS, Pass
-from xfrustum.raster.cameras.directions import direction_pass
+from xfrustum.raster.cameras import MAPPINGS, Pass, direction_pass
 from xfrustum.raster.device.context import ContextOwner, check_room, describe, open_context
-from xfrustum.raster.device.positions import Positions
+from xfrustum.raster.device.mesh import Positions
+from xfrustum.raster.device.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.plate.picture import (
     PICTURE,
     REFLECTION,
@@ -26,7 +26,6 @@ from xfrustum.raster.plate.picture import (
     read_heights,
     reflective_triangles,
 )
-from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arguments import InputError

@@ -16,16 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import Mapping, Pass, lines_of_pixels
-from xfrustum.raster.device.positions import Positions
-from xfrustum.raster.device.programs import (
+from xfrustum.raster.cameras import Mapping, Pass, lines_of_pixels
+from xfrustum.raster.device.mesh import (
     Defines,
+    Positions,
     picture_defines,
     program,
     reflection_defines,
     set_camera,
     set_facing,
 )
+from xfrustum.raster.device.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.drawing import NUMBERS_ALONE, Environment, Shading, reflecting
 from xfrustum.raster.plate.clusters import (
     DRAW_COMMAND,
@@ -34,7 +35,6 @@ from xfrustum.raster.plate.clusters import (
     PassGeometry,
     PlateGeometry,
 )
-from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene

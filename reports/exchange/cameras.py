@@ -1,6 +1,6 @@
 """Camera files for other renderers, with the numbered triangles.
 
-Cameras C and C* come from `raster.cameras.description`; Blender gets the crossed frustum itself
+Cameras C and C* come from `raster.description`; Blender gets the crossed frustum itself
 (blender/render.py).
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.raster.cameras.description import cameras_of, gltf, mitsuba
+from xfrustum.raster.description import cameras_of, gltf, mitsuba
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arguments import choice

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.raster.plate.directions import DirectionRenderer, Pixel
-from xfrustum.raster.plate.one_by_one import plate_direction
+from xfrustum.raster.plate.renderer import plate_direction
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import open_workers
 from xfrustum.reports.common.outputs import progress_bar

@@ -19,8 +19,7 @@ import pyarrow as pa
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.radiance import transported
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
-from xfrustum.raster.plate.one_by_one import OneByOne, plate_hogel
-from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.raster.plate.renderer import OneByOne, PlateRenderer, plate_hogel
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import HERE, Engine, Job, open_workers

@@ -61,7 +61,7 @@ def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
     """Return whether a drawn image may show surfaces beyond `FAR_MARGIN` times the reach.
 
     This happens with a tiny near, unless clip depth is zero at the far plane
-    (raster/cameras/cameras).
+    (raster/cameras).
     """
     hyperbolic = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
     nearest = min((settings.near, *settings.slabs[:1]))

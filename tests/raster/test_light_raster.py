@@ -18,7 +18,7 @@ from tests.support.lit import ball, lit, sky, sky_radiance
 from tests.support.long_tail import thinned
 from tests.support.views import at, lines_by_definition, reversed_d32f
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.device import programs
+from xfrustum.raster.device import mesh
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
     DepthMapping,
@@ -108,7 +108,7 @@ class TestFlips:
     settings = reversed_d32f(1e-3)
 
     def drawn_without(self, monkeypatch: pytest.MonkeyPatch, *flips: str) -> Singles:
-        original = programs.shader
+        original = mesh.shader
         result: set[str] = set()
 
         def undone(name: str) -> str:
@@ -119,7 +119,7 @@ class TestFlips:
                 text = text.replace(right, wrong)
             return text
 
-        monkeypatch.setattr(programs, "shader", undone)
+        monkeypatch.setattr(mesh, "shader", undone)
         image = drawn(self.scene, self.settings)
         assert result == set(flips)
         return image.color

@@ -13,7 +13,7 @@ from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device import context
-from xfrustum.raster.device.positions import BYTES_PER_POINT
+from xfrustum.raster.device.mesh import BYTES_PER_POINT
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import device_index
 from xfrustum.scenes import (

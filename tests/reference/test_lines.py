@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, lines_by_definition, view
-from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
+from xfrustum.raster.cameras import clip_from_scene, slab_cameras
 from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
 from xfrustum.scenes.arrays import Floats

@@ -66,7 +66,7 @@ def mitsuba_sensor(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) 
     """Let Mitsuba's sensors make the lines of C and C*; those of C* begin at their far ends."""
     import mitsuba as mi  # noqa: PLC0415
 
-    from xfrustum.raster.cameras.description import mitsuba  # noqa: PLC0415
+    from xfrustum.raster.description import mitsuba  # noqa: PLC0415
     from xfrustum.scenes import InputError  # noqa: PLC0415
 
     mi.set_variant("llvm_ad_rgb")

@@ -16,10 +16,9 @@ from tests.support.misplaced import misplaced
 from tests.support.views import reversed_d32f, soup, view
 from xfrustum.compare.attribution.budget import explain
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.raster import Rasterizer
-from xfrustum.raster.cameras import cameras
-from xfrustum.raster.cameras.cameras import clip_from_scene
-from xfrustum.raster.device import programs
+from xfrustum.raster import Rasterizer, cameras
+from xfrustum.raster.cameras import clip_from_scene
+from xfrustum.raster.device import mesh
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget_of
 from xfrustum.scenes import (
@@ -192,7 +191,7 @@ def test_a_picture_drawn_beside_its_camera_is_misplaced(
     with Rasterizer(scene) as raster:
         device = raster.model
         assert not misplaced(scene, raster.render(aperture, settings), device).any()
-    right_shader = programs.shader
+    right_shader = mesh.shader
 
     def shifted(name: str) -> str:
         return right_shader(name).replace(
@@ -200,7 +199,7 @@ def test_a_picture_drawn_beside_its_camera_is_misplaced(
             "vec4(in_position, 1.0); gl_Position.x += 0.002 * gl_Position.w;",
         )
 
-    monkeypatch.setattr(programs, "shader", shifted)
+    monkeypatch.setattr(mesh, "shader", shifted)
     with Rasterizer(scene) as raster:
         wrong = raster.render(aperture, settings)
     assert misplaced(scene, wrong, device).sum() > 0.02 * wrong.covered.sum()

@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.raster.cameras.cameras import (
-    MAPPINGS,
-    FilmWindow,
-    SlabCamera,
-    cameras_in_order,
-    pass_of,
-)
+from xfrustum.raster.cameras import MAPPINGS, FilmWindow, SlabCamera, cameras_in_order, pass_of
 from xfrustum.scenes import Aperture, DepthMapping, DoubleFrustum, InputError, Scene
 
 #: a JSON object, or a part of it
