@@ -70,7 +70,7 @@ DEFAULT_MATERIAL = Material(specular=(0.2, 0.2, 0.2))
 
 @dataclass(frozen=True, kw_only=True)
 class DirectionalLight:
-    """Light at infinity, which is therefore its own conjugate (paper, section 3).
+    """Light at infinity. Such a light is its own conjugate (paper, section 3).
 
     The direction points to the light and is normalized. The color is the irradiance divided by pi:
     the radiance of a white diffuse surface that faces the light. Raises InputError if the direction
@@ -97,10 +97,10 @@ DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
 class Environment:
     """Radiance from all directions: a latitude-longitude map (H, W, 3), row 0 on top.
 
-    The map's middle is behind the plate (-z), and its top is above (+y). To the right of the middle
-    are +x and then +z, which is at both ends. The map is visible only in reflections: a line that
-    meets no surface is black. Raises InputError if the array has another shape, or radiance is
-    negative or beyond `MAX_RADIANCE`.
+    The map's middle is behind the plate (-z), and its top is above (+y). From the middle to the
+    right, directions turn to +x and then to +z; +z is at both ends. The map is visible only in
+    reflections: a line that meets no surface is black. Raises InputError if the array has another
+    shape, or radiance is negative or beyond `MAX_RADIANCE`.
     """
 
     radiance: Singles

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 MEMORY_PER_BYTE = 64
-"""Memory for each byte of a file, bytes, where that is more than the bound.
+"""Memory allowed for each byte of a file, bytes, if this is more than `_Bound.memory`.
 
 Mesh readers need up to 30 times the file's size (for a text such as OFF: lines, words and numbers
 as Python objects, then arrays). Twice this amount accepts every correct file, however large. A file
@@ -49,9 +49,7 @@ MEMORY_PER_PIXEL = 16
 
 BLOCK_BYTES = 512  #: unit of the disk space of a file, bytes
 
-SCENE_FILE_SIZE = (
-    1 << 24
-)  # largest size of a scene file, sixteen million bytes; people write some hundreds
+SCENE_FILE_SIZE = 1 << 24  # largest size of a scene file, bytes; typical files have some hundreds
 RAISING_OPTION = "--max-input-memory"  # command-line option that raises the memory bound
 
 
@@ -61,9 +59,7 @@ class _Bound:
     memory = 1 << 30
     """Bytes of memory that reading one input may take, for files of any size."""
 
-    hogels = (
-        20_000_000  # largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million
-    )
+    hogels = 20_000_000  # largest number of hogels; 60 x 80 cm at 0.25 mm has 7.7 million
 
 
 @contextmanager
@@ -238,7 +234,7 @@ def open_image(file: BinaryIO) -> Any:
 
 @contextmanager
 def bounded_memory(path: Path) -> Iterator[None]:
-    """Let a library read a file of checked size; InputError if memory runs out."""
+    """Convert MemoryError to InputError, for libraries that read a file of checked size."""
     try:
         yield
     except MemoryError as error:
@@ -345,7 +341,7 @@ class TempPath:
         self.remove()
 
     def __del__(self) -> None:
-        # A signal may arrive between the creation and the block that would remove it.
+        # A signal may arrive between the creation and the `with` block that would remove the file.
         self.remove()
 
 
@@ -360,16 +356,17 @@ def remove_abandoned(host: Path) -> None:
 
 @contextmanager
 def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
-    """Yield a temporary path, and rename it to the disk when the block ends without error.
+    """Yield a temporary path, and rename it to `path` if the block ends without error.
 
-    Links are followed and stay: their target is replaced and keeps its permissions. Devices, pipes
-    and the process's own open files, such as `/dev/stdout`, are written to in place. `host` is the
-    folder of the temporary file, on the same file system; None selects the folder of `path`.
+    Links are followed and kept: the target of a link is replaced, with the same permissions.
+    Devices, pipes and the process's own open files, such as `/dev/stdout`, are written to in place.
+    `host` is the folder of the temporary file, on the same file system; None selects the folder of
+    `path`.
 
-    Raises InputError as from `written_into`, OSError where the disk is full or has lost data.
+    Raises InputError as from `written_into`, and OSError if the disk is full or has lost data.
     """
     into, target = written_into(path), Path(os.path.realpath(path))
-    # The temporary file of a copy may be in any folder.
+    # A file that is copied into place may be in any folder before.
     with TempPath(host or (scratch_folder() if into else target.parent)) as aside:
         yield aside.path
         if into:

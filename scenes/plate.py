@@ -164,8 +164,8 @@ class PlateTile:
 
 
 #: Smallest half-extent of a film, as a slope. Slopes of neighboring lines of an image 1e4 pixels
-#: wide differ by 2e-4 of it: at 1e-12 this is the rounding error of a shear of about one in double
-#: precision.
+#: wide differ by 2e-4 of the half-extent: at 1e-12 this is the rounding error of a shear of about
+#: one in double precision.
 SMALLEST_SLOPE = 1e-12
 
 
@@ -206,7 +206,7 @@ class Frustum:
     resolution: tuple[int, int]  #: width and height of the hogel image in pixels
     reach: tuple[
         float, float
-    ]  #: up to which surfaces are imaged, toward the viewer and behind the plate
+    ]  #: largest distances of imaged surfaces toward the viewer and behind the plate, scene units
     fov: tuple[float, float] | None = None  #: full angles in x and y, radians
     screen: Screen | None = None
 
@@ -339,7 +339,7 @@ class DoubleFrustum:
     #: selects the far end of the first slab if there are slabs, else the angle.
     fit: Fit | float | None = None
     #: Heights |z| at which both frusta are cut, ascending. Every slab except the first has its own
-    #: near plane, and cameras exactly at the aperture; `fit` and `offset` apply to the first.
+    #: near plane, and cameras exactly at the aperture; `fit` and `offset` apply to the first slab.
     slabs: tuple[float, ...] = ()
     cull: Cull = Cull.NONE
 

@@ -60,12 +60,12 @@ def wrapped_grid(rings: Floats) -> Mesh:
 
 
 def open_grid(points: Floats) -> Mesh:
-    """Join a grid of points (N, M, 3) into a sheet with normals along rows x columns."""
+    """Join a grid of points (N, M, 3) into a sheet with normals along axis 0 x axis 1."""
     return np.round(points.reshape(-1, 3), 6) + 0.0, grid_faces(*points.shape[:2])
 
 
 def grid_faces(rows: int, columns: int) -> Indices:
-    """Return the faces of a sheet of rows x columns vertices; normals: rows x columns."""
+    """Return the faces of a sheet of vertices (rows, columns), normals along axis 0 x axis 1."""
     index = np.arange(rows * columns).reshape(rows, columns)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
     return triangulate(quads.reshape(-1, 4))
@@ -104,8 +104,8 @@ def join(*meshes: Mesh) -> Mesh:
 
 _TURN = np.linspace(0, 2 * np.pi, 25)
 
-#: Meshes by name. Bodies about the y axis are closed, of diameter and height 1, the cone's tip on
-#: top; the tube of the torus has a diameter of 0.3.
+#: Meshes by name. Sphere, cylinder and cone are closed bodies about the y axis, with diameter and
+#: height 1; the cone's tip is on top. The torus has diameter 1, and its tube has diameter 0.3.
 SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType({
     "box": box,
     "square": square,
@@ -183,7 +183,7 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     normals = part.vertex_normals
     if normals is not None:
         # Cofactors map the cross product of two edges to the cross product of the moved edges. They
-        # are the inverse transpose times the determinant, whose sign reverses normals if the matrix
+        # are the inverse transpose times the determinant. Its sign reverses normals if the matrix
         # mirrors. Normals are not normalized, so that interpolation remains linear in the original
         # normals.
         linear = scene_from_mesh[:3, :3]
@@ -218,7 +218,7 @@ def _in_four(part: SceneObject) -> SceneObject:
     textured = part.texture_of_triangle
     return replace(
         part,
-        # Halves first: the sum of two huge coordinates may overflow.
+        # Halve first: the sum of two huge coordinates may overflow.
         vertices=np.concatenate([part.vertices, (part.vertices[edges] / 2).sum(axis=1)]),
         faces=np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=-1).reshape(-1, 3),
         uv=with_middles(part.uv),
@@ -246,7 +246,7 @@ def smoothed(part: SceneObject) -> SceneObject:
 
 
 def flipped(part: SceneObject) -> SceneObject:
-    """Return the object with reversed winding, and its normals reversed unless most fit it."""
+    """Reverse an object's winding, and its normals if most of them oppose the new winding."""
     normals, faces = part.vertex_normals, part.faces[:, ::-1]
     if normals is not None:
         a, b, c = part.vertices[faces].transpose(1, 0, 2)

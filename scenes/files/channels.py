@@ -1,8 +1,8 @@
 """Names of the channels of a hogel image in OpenEXR files, and error bounds of stored values.
 
-Blender writes `ViewLayer.Position.X`, Arnold `P.X` or `P.R`, others `pos.X`. In files with several
-parts, the name of a part may replace the layer name. The names of CONVENTIONS.md, "Image files",
-have precedence.
+Blender writes `ViewLayer.Position.X`, Arnold `P.X` or `P.R`, and other renderers `pos.X`. In files
+with several parts, the name of a part may replace the layer name. The names of CONVENTIONS.md,
+"Image files", have precedence.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,7 +32,7 @@ _LAYERS: Mapping[tuple[str, ...], frozenset[str]] = {
     (OBJECT,): frozenset({"indexob", "object index"}),
 }
 _AXES = {3: ("xyz", "rgb"), 1: ("x", "r", "")}  # last letters of the channels of a layer
-#: channels in an error message
+#: largest number of channels that an error message lists
 MAX_LISTED = 24
 
 
@@ -71,7 +71,7 @@ def located(
 ) -> tuple[dict[str, StoredChannel], dict[str, tuple[StoredChannel, ...]]]:
     """Return the channel of each name, and the channels of names in several layers or parts.
 
-    A name of our contract has precedence over a layer with a name of other programs.
+    A name of CONVENTIONS.md has precedence over a layer name of another program.
     """
     missing = set(names)
     places: dict[str, StoredChannel] = {}
@@ -114,7 +114,7 @@ def _named(present: Sequence[StoredChannel], name: str) -> tuple[StoredChannel, 
 def _complete_sets(
     present: Sequence[StoredChannel], layers: frozenset[str], count: int
 ) -> list[tuple[StoredChannel, ...]]:
-    """Return the channels of each layer that has one of some names, in the order of axes."""
+    """Return the channels, in the order of axes, of each complete layer with a name in `layers`."""
     by_layer: dict[tuple[int, str], dict[str, StoredChannel]] = {}
     for channel in present:
         layer, axis = channel.layer_and_axis
@@ -144,7 +144,7 @@ def refuse_several(path: object, several: Mapping[str, tuple[StoredChannel, ...]
 
 _DWA = (OpenEXR.DWAA_COMPRESSION, OpenEXR.DWAB_COMPRESSION)
 _B44 = (OpenEXR.B44_COMPRESSION, OpenEXR.B44A_COMPRESSION)
-#: last letters of channels that DWA changes; it keeps every bit of all others
+#: last letters of channels that DWA changes; DWA keeps every bit of other channels
 _DWA_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
 #: rounding to half precision: relative error, and absolute error of subnormal numbers
 HALF_ROUNDING, HALF_SUBNORMAL = 2.0**-11, 2.0**-25

@@ -58,7 +58,7 @@ EYE_JSON = TypeAdapter(Eye)
 MAGIC = bytes.fromhex("762f3101")
 #: the library counts the bytes of a channel, 4 per pixel, in 32 bits
 MAX_PIXELS = (2**31 - 1) // 4
-#: smallest coordinate that renderers store for no surface
+#: magnitude from which a stored coordinate means that the pixel shows no surface
 FAR = 1e10
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # in the order of OpenEXR's codes
 _SILENT = threading.Lock()  # concurrent redirections would restore each other's file
@@ -99,7 +99,7 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
 class Header:
     """Declarations of all parts of an OpenEXR file of flat pixels."""
 
-    #: attributes by name, each of the first part that has it
+    #: attributes by name; each is read from the first part that has it
     attributes: Mapping[str, Any]
     #: W, H of the display window, pixels
     size: tuple[int, int]
@@ -138,7 +138,7 @@ def read_header(path: Path) -> Header:
         count * (math.prod(part) + math.prod(size))
         for count, part in zip(counts, sizes, strict=True)
     )
-    # 4 bytes are the largest pixel of a channel.
+    # A pixel of a channel has at most 4 bytes.
     check_declared(path, 4 * pixels, "pixels")
     compressions = tuple(header["compression"] for header in headers)
     return Header(attributes=attributes, size=size, channels=channels, compressions=compressions)
@@ -161,7 +161,7 @@ class ReadPlanes:
     places: dict[str, StoredChannel]
 
     def lossy(self, name: str) -> str | None:
-        """Return the compression that changed a channel's values; None for a lossless one."""
+        """Return the compression that changed a channel's values; None if it is lossless."""
         place = self.places[name]
         return lossy(place.name, self.planes[name].dtype, self.header.compressions[place.part])
 
@@ -169,7 +169,7 @@ class ReadPlanes:
 def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
     """Return all channels in `names` that a file has, from any part; see `located`.
 
-    Pixels of the display window outside the data window are 0, NaN in positions, heights and
+    Pixels of the display window outside the data window are 0, or NaN in positions, heights and
     normals. Raises InputError as `read_header` does, and if a channel lies in several parts or
     lacks pixels.
     """
@@ -193,7 +193,8 @@ def read_channels(path: Path, names: Sequence[str]) -> ReadPlanes:
 def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDArray[Any]:
     """Return the pixels (H, W) of the display window from the pixels of the data window."""
     missing = np.nan if name in (*POSITION, *NORMAL, HEIGHT) else 0
-    # Rows and columns of the display window, counted from the first of the data window.
+    # Rows and columns of the display window, counted from the first row and column of the data
+    # window.
     rows, columns = (
         np.arange(display[0][axis], display[1][axis] + 1) - data[0][axis] for axis in (1, 0)
     )
@@ -204,7 +205,7 @@ def _in_display(pixels: NDArray[Any], data: Any, display: Any, name: str) -> NDA
 
 
 def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], ReadPlanes]:
-    """Return R, G and B as (H, W, 3), and the channels; InputError, with advice, without them."""
+    """Return R, G and B, (H, W, 3), and the channels; InputError with `advice` if incomplete."""
     read = read_channels(path, COLOR)
     missing = [name for name in COLOR if name not in read.planes]
     if missing:
@@ -320,7 +321,7 @@ def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mas
 def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
     """Return error bounds (H, W, 3) of stored coordinates; None if storage is exact.
 
-    Raises InputError if all three have lossy compression, or one of them B44.
+    Raises InputError if all three channels have lossy compression, or if any has B44.
     """
     places = [read.places[name] for name in POSITION]
     kinds = [read.lossy(name) for name in POSITION]
@@ -343,7 +344,7 @@ def _uncertainty(path: Path, read: ReadPlanes) -> Floats | None:
 
 
 def _storage(read: ReadPlanes) -> str | None:
-    """Return the lossy compression of any of the channels; None if all are lossless."""
+    """Return a description of the channels' lossy compression; None if all are lossless."""
     kinds = sorted({kind for name in read.places if (kind := read.lossy(name)) is not None})
     return f"OpenEXR {' and '.join(kinds)}, lossy" if kinds else None
 
@@ -468,8 +469,8 @@ def image_writer(
     """Write an image from the top down: yield a function that writes the next band.
 
     A band is an image of full width and any number of rows; `arrays` lists its optional arrays. The
-    file replaces an older file when the block ends without an exception. Raises InputError if it
-    cannot be written, or the image exceeds `MAX_PIXELS`.
+    file replaces an older file when the block ends without an exception. Raises InputError if the
+    file cannot be written, or the image exceeds `MAX_PIXELS`.
     """
     path, (width, height), written = Path(path), camera.resolution, 0
     if width * height > MAX_PIXELS:
@@ -519,7 +520,7 @@ def image_writer(
 
 
 def write_image(path: str | Path, image: HogelImage) -> None:
-    """Write an image: 32-bit floats, numbers plus one, lossless; InputError if that fails."""
+    """Write an image losslessly: 32-bit floats, numbers plus one; InputError if that fails."""
     arrays = [name for name in _OPTIONAL if getattr(image, name) is not None]
     with image_writer(path, image.camera, arrays, image.rendering) as write:
         write(image)

@@ -2,8 +2,8 @@
 
 A layout with one file per hogel is defined by the numbers in file names and by its orientation. In
 all other layouts, each file is a NumPy view of the plate's pixels (row j, column i, pixel row r,
-pixel column c, channel): reading assigns the file's pixels to this view, and writing stores it.
-Pixel values do not change.
+pixel column c, channel): reading assigns the file's pixels to this view, and writing stores the
+view. Pixel values do not change.
 """
 
 import math
@@ -24,7 +24,7 @@ Index = tuple[int, ...]  # numbers in the name of a file
 PICTURE_SUFFIXES = (".png", ".ppm", ".exr", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 #: columns and rows of tiles of commercial displays, by number of views
 KNOWN_QUILTS = {48: (8, 6), 66: (11, 6), 49: (7, 7), 45: (5, 9), 40: (8, 5)}
-MAX_DIGITS = 18  # digits of a number in a file name; longer numbers are not counted
+MAX_DIGITS = 18  # largest number of digits in a number; file names with longer numbers do not match
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class PlateShape:
 class Layout:
     """Names, order and orientation of the files of a plate."""
 
-    #: name on the command line; several rows may share one
+    #: name on the command line; several layouts may share a name
     name: str
     #: content of a file, one clause
     meaning: str
@@ -68,8 +68,9 @@ class Layout:
     stem_format: str
     #: groups that number the files: hogel column i and row j, pixel row r and column c
     numbers: str
-    #: view (.., 3) of a file's pixels in a plate, by the file's numbers and the stated numbers:
-    #: (H, W), or (tile row, H, tile column, W); None for one file per hogel
+    #: function of a plate's pixels, a file's numbers and the stated numbers that returns the view
+    #: of the file's pixels: (H, W, 3), or (tile row, H, tile column, W, 3); None for one file per
+    #: hogel
     view: Callable[[Pixels, Index, Index], Pixels] | None = field(default=None, repr=False)
     #: groups with the same value in all names
     stated: tuple[str, ...] = ()
@@ -94,7 +95,7 @@ class Layout:
         return tuple(int(match[n]) for n in self.numbers), tuple(int(match[n]) for n in self.stated)
 
     def counts(self, shape: PlateShape) -> Index:
-        """Return the number of files along each of the counting numbers."""
+        """Return the number of values of each counting number."""
         rows, columns, height, width, _ = shape.array
         counted = {"i": columns, "j": rows, "r": height, "c": width}
         return tuple(counted[number] for number in self.numbers)
@@ -264,7 +265,7 @@ class Target:
 
     @property
     def floating(self) -> bool:
-        """Floating-point numbers in the files, instead of levels from 0 to 255."""
+        """True if files have floating-point numbers instead of levels from 0 to 255."""
         return self.suffix == ".exr"
 
     def stated(self, shape: PlateShape) -> Index:

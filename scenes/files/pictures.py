@@ -61,7 +61,7 @@ def _opened(path: Path) -> Iterator[Any]:
             disk.open_image(file) as picture,
         ):
             yield picture
-    # This is a subclass of OSError, so it must come first.
+    # UnidentifiedImageError is a subclass of OSError, so it must come first.
     except UnidentifiedImageError as error:
         raise InputError(f"{path}: is not an image that can be read") from error
     except _DAMAGE as error:
@@ -123,7 +123,7 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
 
 
 def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, str]:
-    """Return the pixels (H, W, 3) of a picture, and the format that changed them, else "".
+    """Return the pixels (H, W, 3) of a picture, and the name of its lossy format, else "".
 
     Raises InputError if the file is damaged, its mode is not in `RGB_MODES`, or its resolution
     differs from the scene's.
@@ -284,7 +284,7 @@ class StoredPixels(ShortRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ForeignImage(HogelImage):
-    """A hogel image with the stored pixels of its picture; None for OpenEXR."""
+    """Hogel image with the stored pixels of its picture; `stored` is None for OpenEXR."""
 
     stored: StoredPixels | None = None
 
@@ -300,7 +300,7 @@ class Reading:
     offset: int = 1
     #: stored integer of no surface
     background: int = 0
-    #: transfer function of colors; None selects the encoding's
+    #: transfer function of colors; None selects the encoding's transfer
     transfer: Transfer | None = None
 
     @property

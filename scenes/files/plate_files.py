@@ -34,7 +34,7 @@ from xfrustum.scenes.files.pictures import (
 
 #: name of the file that describes a plate, written by the Blender script
 PLATE_FILE = "plate.json"
-#: largest size of this file, bytes: a hundred thousand objects with their colors
+#: largest size of `PLATE_FILE`, bytes: enough for a hundred thousand objects with colors
 MAX_FACTS_BYTES = 1 << 24
 #: size of a plate's pixels, bytes, above which they are in a scratch file
 MAX_BYTES_IN_MEMORY = 1 << 28
@@ -70,7 +70,7 @@ class PlateRows:
 
     @property
     def floating(self) -> bool:
-        """Floating-point pixels, instead of levels from 0 to 255."""
+        """True if pixels are floating-point numbers instead of levels from 0 to 255."""
         return self.dtype.kind == "f"
 
     def whole(self) -> Pixels:
@@ -126,7 +126,7 @@ class FileSet:
     #: folder or file in the command
     place: Path
     layout: Layout
-    #: paths by the numbers that count them
+    #: paths by the counting numbers in their names
     files: dict[Index, Path]
     #: numbers that are equal in all names; see `Layout.stated`
     stated: Index
@@ -162,7 +162,7 @@ class FileSet:
         """Return the plate, read row by row if each file is one hogel.
 
         Raises InputError, here or on reading a row, if a file is missing, is damaged, or differs
-        from the others in size or pixel type.
+        from the other files in size or pixel type.
         """
         if not self.layout.in_hogels:
             return self.plate

@@ -187,9 +187,7 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     """Return the tables of a scene file, its plate and its frustum, without reading meshes."""
     try:
         content = disk.read_small(path, "scene file", disk.SCENE_FILE_SIZE)
-        text = content.decode(
-            "utf-8-sig"
-        )  # editors of some systems begin a file with a byte-order mark
+        text = content.decode("utf-8-sig")  # some editors begin a file with a byte-order mark
         if long := _LONG_KEY.search(_COMMENT.sub(r"\1", text)):
             line = 1 + long.string.count("\n", 0, long.start())
             raise InputError(

@@ -30,7 +30,7 @@ _PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
 _REACH = (150.0, 150.0)
 _CENTERED = Frustum(resolution=(512, 512), reach=_REACH, fov=(radians(60), radians(60)))
 _SMALL = replace(_CENTERED, resolution=(256, 256))
-# This screen is wider than high and off center on both axes, which reveals every swap of axes and
+# This screen is wider than high and off center on both axes: it reveals every swap of axes and
 # every wrong sign.
 _RECENTERED = Frustum(
     resolution=(512, 384),
@@ -69,7 +69,7 @@ class BuiltinScene:
     """Entry of the catalogue, with functions that make its objects and its appearance."""
 
     name: str
-    triangles: int  #: number of all objects, so that scenes can be listed without being built
+    triangles: int  #: number of triangles of all objects, to list scenes without building them
     purpose: str  #: description in one line; for a hard case, the reason why it is hard
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate = _PLATE

@@ -20,9 +20,9 @@ REACH = 128.0  #: reach on both sides, in millimeters
 #: Plate with apertures at x and y of -16, -8, 0, 8 and 16; the middle aperture is at the origin.
 PLATE = Plate(size=(40.0, 40.0), hogels=(5, 5))
 
-#: Frustum in which every slope is a multiple of 1/128; through the origin, an odd multiple from
-#: -63/128 to 63/128. It is defined by a screen and not by an angle, because no double has the
-#: tangent 1/2 exactly.
+#: Frustum in which every slope is a multiple of 1/128. Lines through the origin have odd multiples
+#: from -63/128 to 63/128. The frustum is defined by a screen and not by an angle, because no angle
+#: in double precision has the tangent 1/2 exactly.
 FRUSTUM = Frustum(
     resolution=(64, 64),
     reach=(REACH, REACH),
@@ -49,7 +49,7 @@ Maker = Callable[[], Objects]
 def _case(
     name: str, triangles: int, why: str, expected: str, **how: Any
 ) -> Callable[[Maker], Maker]:
-    """Return a decorator that adds a case to the suite, made by the decorated function."""
+    """Return a decorator that adds a case to the suite; the function makes its objects."""
 
     def entered(objects: Maker) -> Maker:
         _CASES[f"hard/{name}"] = HardCase(
@@ -61,7 +61,7 @@ def _case(
 
 
 def names(*, giants: bool = True) -> list[str]:
-    """Return the names of the cases, with or without the giants."""
+    """Return the names of the cases, with or without giant cases."""
     return [name for name, case in CASES.items() if giants or not case.giant]
 
 
@@ -71,12 +71,12 @@ def listing() -> list[BuiltinScene]:
 
 
 def build(name: str) -> Scene:
-    """Return the scene of a case, without a cache: the largest takes hundreds of megabytes."""
+    """Return the scene of a case, uncached: the largest scene takes hundreds of megabytes."""
     return CASES[name].build()
 
 
 def on_line(column: ArrayLike, row: ArrayLike, s: ArrayLike) -> Floats:
-    """Return points (..., 3) at s on lines of `FRUSTUM`; exact for half pixels."""
+    """Return points (..., 3) at depth s on lines through the origin; exact for half pixels."""
     columns, rows, along = np.broadcast_arrays(
         np.asarray(column, dtype=np.float64),
         np.asarray(row, dtype=np.float64),
@@ -94,7 +94,7 @@ def loose(name: str, triangles: Sequence[ArrayLike] | Floats) -> SceneObject:
 
 
 def film_rectangle(columns: tuple[float, float], rows: tuple[float, float], s: ArrayLike) -> Floats:
-    """Return two triangles that cover a film rectangle; s is one number, or four, clockwise."""
+    """Return two triangles over a film rectangle; s is one depth, or one per corner, clockwise."""
     left, right = columns
     top, bottom = rows
     corners = on_line([left, right, right, left], [top, top, bottom, bottom], s)
@@ -114,7 +114,7 @@ GRID_STEP = 4  #: pixels between neighboring vertices of the bumpy sheets
 def _bumpy_sheet(
     name: str, columns: tuple[int, int], rows: tuple[int, int], side: int
 ) -> SceneObject:
-    """Return a sheet whose every vertex lies exactly on a pixel's line, at depths of 32 to 60."""
+    """Return a sheet with every vertex exactly on a pixel's line, at depths of 32 to 60."""
     column, row = np.meshgrid(
         np.arange(columns[0], columns[1] + 1, GRID_STEP), np.arange(rows[0], rows[1] + 1, GRID_STEP)
     )
@@ -187,7 +187,8 @@ def _vertex_on_aperture() -> Objects:
 )
 def _edge_through_aperture() -> Objects:
     ends = on_line(THROUGH_COLUMN, THROUGH_ROW, [-32.0, 64.0])
-    # One triangle lies in the plane of the row's lines, the other in the plane of the column's.
+    # One triangle lies in the plane of the row's lines, the other in the plane of the column's
+    # lines.
     aside = on_line(THROUGH_COLUMN, THROUGH_ROW, 16.0) + np.array(
         [(20.0, 0.0, 0.0), (0.0, 20.0, 0.0)]
     )
@@ -223,7 +224,7 @@ def sheet_columns(index: int) -> tuple[float, float]:
 
 
 def _ball(z: float) -> SceneObject:
-    """Return a ball of diameter 24 at a height, whose sign decides its half of the film."""
+    """Return a ball of diameter 24 at height z; the sign of z selects the half of the film."""
     return place(
         build_shape("sphere"), placement(24.0, (10.0, 20.0, 0.0), (0.25 * abs(z), -0.0625 * z, z))
     )
@@ -266,7 +267,7 @@ def _nearly_coincident() -> Objects:
     lower, upper = [], []
     for side, rows in zip((1, -1), SHEET_ROWS, strict=True):
         for index in range(len(SEPARATIONS) + 1):
-            # The sheets are inclined and bent: the pixels of a flat sheet would be all right or all
+            # The sheets are inclined and bent: all pixels of a flat sheet would be right, or all
             # wrong.
             depth = side * SHEET_DISTANCE * np.array([1.0, 1.125, 1.25, 1.0625])
             sheet = film_rectangle(sheet_columns(index), rows, depth)
@@ -285,7 +286,7 @@ def _nearly_coincident() -> Objects:
 
 
 #: First and last column of the sheets exactly at the reach, and of the sheets one ULP beyond it.
-#: The rows of the sheets behind and in front of the plate are numbered likewise.
+#: The same ranges are the rows of the sheets behind and in front of the plate.
 AT_REACH = ((2.5, 30.5), (34.5, 62.5))
 
 
@@ -332,7 +333,8 @@ _case(
 
 #: Column whose lines lie in a triangle, and column of a triangle whose ends are moved by `TURN`.
 EDGE_ON_COLUMN, TURNED_COLUMN = 20, 44
-#: Distance in x by which the ends are moved: one ULP of numbers from 8 to 16, such as the far end.
+#: Distance in x by which the ends are moved: one ULP of numbers from 8 to 16, such as x at the far
+#: end.
 TURN = 2.0**-49
 #: Half the turned triangle's height where it crosses its column's lines, and the depth there.
 TURNED_HALF_HEIGHT, TURNED_MIDDLE = 10.0, 48.0
@@ -356,8 +358,8 @@ def _edge_on() -> Objects:
     return loose("edge-on", [still]), loose("turned", [turned]), wall()
 
 
-#: Half the width of a needle, in pixels; the longest are 56 pixels long, a million times their
-#: width.
+#: Half the width of a needle, in pixels; the longest needles are 56 pixels long, a million times
+#: their width.
 NEEDLE = 28e-6
 
 
@@ -410,7 +412,8 @@ def _duplicates() -> Objects:
     )
 
 
-#: Depth of the nearer of two sheets, whose smallest coordinates, 1/128 of it, are about 4e-75.
+#: Depth of the nearer of two sheets. Its smallest coordinates, 1/128 of this depth, are about
+#: 4e-75.
 SMALLEST = 2.0**-240
 
 
@@ -443,7 +446,7 @@ _ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 
 
 def asymmetric_on_a_grid() -> Objects:
-    """Return the asymmetric objects rounded to 2^-20, so that a detour is exact."""
+    """Return the asymmetric objects rounded to 2^-20: moving them away and back is exact."""
     return tuple(
         replace(part, vertices=np.rint(part.vertices / _GRAIN) * _GRAIN) for part in asymmetric()
     )
@@ -459,7 +462,7 @@ def asymmetric_on_a_grid() -> Objects:
     apertures=_ASYMMETRIC_APERTURES,
 )
 def _far_from_origin() -> Objects:
-    # Far-away vertices, as a mesh file would have them, and the `translate` of the scene file.
+    # Move far-away vertices, as in a mesh file, by the `translate` of a scene file.
     back = placement(translate=(-FAR_AWAY, FAR_AWAY, -FAR_AWAY))
     away = np.array([FAR_AWAY, -FAR_AWAY, FAR_AWAY])
     return tuple(

@@ -151,7 +151,7 @@ def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
         ((-1.5, 0.0, 0.0), (1.0, 6.0, 1.0)),
         ((0.5, 2.5, 0.5), (3.0, 1.0, 2.0)),
         ((0.0, 0.3, -0.5), (2.0, 1.0, 2.0)),
-    ]  # middle and extent of each
+    ]  # middle and extent of each stroke
     corners, faces = shapes.box()
     letter = shapes.join(*((corners * extent + middle, faces) for middle, extent in strokes))
     return shapes.place(
@@ -166,12 +166,13 @@ SHEET_SEPARATIONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
 
 def sheets(*, reach: float) -> tuple[SceneObject, ...]:
-    """Return pairs of parallel sheets: object 0 the upper, toward the viewer, 1 the lower.
+    """Return pairs of parallel sheets: object 0 has the upper sheets, toward the viewer.
 
-    Seen from the middle aperture, the pairs behind the plate fill the left half of the film and
-    those in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns
-    `SHEET_SEPARATIONS` from the left. In every cell the upper sheet covers the left 7/10 and the
-    lower sheet the right 7/10. Both are visible, and a wrong order is visible in the overlap.
+    Seen from the middle aperture, the pairs behind the plate fill the left half of the film and the
+    pairs in front of it the right half. Rows have `SHEET_HEIGHTS`, from the bottom; columns have
+    `SHEET_SEPARATIONS`, from the left. In every cell the upper sheet covers the left 7/10 and the
+    lower sheet the right 7/10. Both sheets are visible, and a wrong order is visible in the
+    overlap.
     """
     upper, lower = [], []
     for side, first_column in ((-1, 0), (1, len(SHEET_SEPARATIONS))):
@@ -194,10 +195,10 @@ _CELL_FILLED = 0.9
 
 
 def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes.Mesh:
-    """Return the sheet that fills a part of the width of a film cell from height z.
+    """Return the sheet at height z that fills a part of a film cell's width.
 
-    It is inclined about the cell's middle, because a sheet of constant depth would be all right or
-    all wrong. Pairs are parallel.
+    It is inclined about the cell's middle, because all pixels of a sheet of constant depth would be
+    right, or all wrong. The sheets of a pair are parallel.
     """
     grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
     low, high = _SHEET_SLOPES
@@ -216,9 +217,9 @@ def crossing() -> tuple[SceneObject, ...]:
     """Return a steep wave exactly through the origin, with a ball in front and a box behind.
 
     Around the origin the wave is the plane z = 2 x, and the origin is not on an edge: all lines of
-    the middle aperture meet it in the plate itself. Cells shrink toward the origin by powers of
-    two, because near planes meet the plate in a window as small as n, and the float32 error of a
-    corner is relative to its distance from the origin.
+    the middle aperture meet the wave at the aperture itself. Cells shrink toward the origin by
+    powers of two, because near planes meet the plate in a window as small as n, and the float32
+    error of a corner is relative to its distance from the origin.
     """
     shrinking = 2.0 ** -np.arange(1, 6)
     x = np.concatenate(
@@ -243,8 +244,8 @@ def crossing() -> tuple[SceneObject, ...]:
 def large_triangles() -> tuple[SceneObject, ...]:
     """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
 
-    Each triangle crosses the plate next to the middle aperture, from which at most a hundredth of
-    it is visible: the rest must be clipped.
+    Each triangle crosses the plate next to the middle aperture. At most a hundredth of a triangle
+    is visible from there: the rest must be clipped.
     """
     large = {
         "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
@@ -302,8 +303,8 @@ GRATING_LEAN = 0.07
 GRATING_HEIGHT = 30.0
 BACKDROP_HEIGHT = -60.0
 #: Periods of the two gratings in hogel pitches. A centered frustum averages over one pitch at every
-#: height. The mean of a grating whose period divides the pitch is constant; one with four times the
-#: pitch keeps 0.9 of its contrast (the sinc function of 1/4).
+#: height. The mean of a grating whose period divides the pitch is constant; a grating with a period
+#: of four pitches keeps 0.9 of its contrast (the sinc function of 1/4).
 FINE, COARSE = 0.5, 4.0
 
 
@@ -338,10 +339,10 @@ def _periods(pitch: float, extent: float) -> Floats:
 def _bars(
     name: str, turns: Floats, z: float, span: tuple[float, float], *, upright: bool
 ) -> SceneObject:
-    """Return a sheet parallel to the plate, black where `turns` has 0 and white at the next."""
+    """Return a sheet parallel to the plate, black where `turns` is 0 and white at the next turn."""
     straight, across = np.meshgrid(turns, np.array(span), indexing="ij")
     along = straight + GRATING_LEAN * across
-    # Rows times columns of the grid point to the viewer.
+    # The grid's normal, axis 0 x axis 1, points to the viewer.
     x, y = (along, across) if upright else (across[:, ::-1], along[:, ::-1])
     sheet = shapes.open_grid(np.stack([x, y, np.full(along.shape, z)], axis=-1))
     brightness = np.abs(np.arange(len(turns)) - int(np.argmin(np.abs(turns)))) % 2

@@ -110,7 +110,7 @@ def decode_textures(
 
 def _pixels(path: Path, picture: Any) -> Bytes | None:
     """Return the pixels (H, W, 4) of a Pillow image; None if damaged or with 32-bit channels."""
-    check_picture_size(path, *picture.size)  # pictures within glTF files too
+    check_picture_size(path, *picture.size)  # also for pictures within glTF files
     with suppress(*_DAMAGED):  # Pillow decodes, and detects damage, only here
         if picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
             gray = np.round(np.asarray(picture).astype(np.float64) / 257).astype(np.uint8)

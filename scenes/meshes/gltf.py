@@ -81,7 +81,7 @@ class _Local:
 
 
 def read_gltf(path: Path) -> MeshContent:
-    """Read a .gltf or .glb file; InputError if it is invalid or needs an unread feature."""
+    """Read a .gltf or .glb file; InputError if it is invalid or needs an unsupported feature."""
     gltf = open_gltf(path)
     unread = _unread_extensions(gltf)
     look = cache(partial(_look_of, gltf, cache(partial(_picture_of, gltf))))
@@ -91,7 +91,7 @@ def read_gltf(path: Path) -> MeshContent:
     def primitives(mesh: int, weights: tuple[float, ...], skinned: bool) -> list[_Local | None]:
         return [_local(gltf, each, weights, look, skinned) for each in tree.meshes[mesh].primitives]
 
-    with np.errstate(all="ignore"):  # coordinates that overflow are refused with all vertices
+    with np.errstate(all="ignore"):  # overflow is refused in the check of all vertices
         worlds = _world_matrices(gltf)
         placed = list(_visible_meshes(gltf))
         _check_memory(gltf, placed)
@@ -109,7 +109,7 @@ def read_gltf(path: Path) -> MeshContent:
 
 
 def _unread_extensions(gltf: Gltf) -> list[UnreadFeature]:
-    """Return unread extensions; refuse required extensions and those that change geometry."""
+    """Return unread extensions; refuse extensions that may change the geometry."""
     tree = gltf.tree
     primitives = [primitive for mesh in tree.meshes for primitive in mesh.primitives]
     extended: list[Any] = [tree, *tree.nodes, *tree.meshes, *primitives, *tree.skins, *tree.scenes]
@@ -244,7 +244,7 @@ def _check_memory(gltf: Gltf, placed: Sequence[tuple[int, int]]) -> None:
 
 
 def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:
-    """Return (F, 3) faces of a triangle topology (section 3.7.2.1), with its winding."""
+    """Return (F, 3) faces of a triangle topology, with the winding of section 3.7.2.1."""
     order = np.arange(count) if primitive.indices is None else gltf.indices(primitive.indices)
     if len(order) and order.max() >= count:
         raise gltf.error(f"faces point past the vertices: index {order.max()}, {count} vertices")
@@ -311,7 +311,7 @@ def _local(
         # Joints are stored as integers. Integer weights are shares even if not declared normalized.
         joints.append((gltf.stored(names[name], 4)[used].astype(np.int64), shares))
     points = attribute("POSITION", 3)
-    assert points is not None  # the name is there
+    assert points is not None  # tested above
     return _Local(
         points=points,
         faces=faces,
@@ -379,7 +379,7 @@ def _placing(
 
 
 def _placed(matrices: Floats, local: _Local) -> MeshPart:
-    """Yield the triangles of a primitive at each of its places (N, 4, 4)."""
+    """Return the triangles of a primitive, placed by each of the matrices (N, 4, 4)."""
     places, count = len(matrices), len(local.points)
     homogeneous = np.column_stack([local.points, np.ones(count)])
     vertices = np.matmul(matrices, homogeneous.T)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
@@ -455,7 +455,7 @@ class _Look:
         return colors if self.base_color is None else colors * self.base_color
 
     def placed(self, uv: Floats) -> Floats:
-        """Return texture coordinates with v up, the transform of the texture applied."""
+        """Apply the texture's transform to texture coordinates, and turn v upward."""
         if self.transform is not None:
             sine, cosine = np.sin(self.transform.rotation), np.cos(self.transform.rotation)
             turn = np.array([[cosine, sine], [-sine, cosine]])
@@ -507,7 +507,7 @@ def _look_of(gltf: Gltf, picture_of: Callable[[int], tuple[str, Any]], index: in
 
 
 def _picture_of(gltf: Gltf, index: int) -> tuple[str, Any]:
-    """Return name and image of a texture; no image where it is missing or cannot be opened."""
+    """Return name and image of a texture; None for an image that cannot be opened or is missing."""
     texture = gltf.tree.textures[index]
     source = texture.source
     if texture.webp is not None and texture.webp.source is not None:

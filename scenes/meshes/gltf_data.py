@@ -196,7 +196,7 @@ class SparseValues(_Model):
 
 
 class Sparse(_Model):
-    """Elements that replace others."""
+    """Elements that replace elements of an accessor."""
 
     count: Natural
     indices: SparseValues
@@ -418,7 +418,7 @@ def open_gltf(path: Path) -> Gltf:
         text, binary = _chunks(path, data)
     document = bytes(text).removeprefix(codecs.BOM_UTF8)
     # pydantic keeps all objects in memory at once. Braces estimate their number; braces in strings
-    # only raise it.
+    # only raise the estimate.
     objects = document.count(b"{")
     disk.check_declared(path, objects * _MEMORY_PER_OBJECT, f"{objects:,} objects of JSON")
     try:

@@ -83,7 +83,7 @@ class _Tables:
 
 
 def read_obj(path: Path) -> MeshContent:
-    """Read an OBJ file; InputError, with the line, for damage or surfaces of other types."""
+    """Read an OBJ file; InputError names the line of damage or of a surface of another type."""
     text = plain_text(read_input(path, "mesh file"))
     for start, kind in _NO_OBJ.items():
         if text.lstrip().startswith(start):
@@ -103,7 +103,7 @@ def read_obj(path: Path) -> MeshContent:
     if "s" in named and (polygons.corners[:, _NORMAL] == _ABSENT).any():
         unread += _smoothing(lines, named["s"])
     changes = named.get("usemtl", [])
-    # names: none, then from each change on
+    # Material names: none at first, then the name of each `usemtl` statement.
     in_use = ["", *(_value(lines, line) for line in changes)]
     names = list(dict.fromkeys(in_use))
     # The material of a polygon is the last material named before its line.
@@ -175,7 +175,7 @@ def _rows(values: Floats, counts: Indices, width: int) -> Floats:
 
 
 def _tables(lines: TextLines, kinds: dict[str, Mask]) -> tuple[_Tables, list[UnreadFeature]]:
-    """Return the values that corners refer to, and unread features of vertices without a color."""
+    """Return the values to which corners refer, and notes about vertices without a color."""
     values, counts = lines.numbers(kinds["v"], skip=1)
     three = "a vertex needs three coordinates, or three and a color of three numbers, not {}"
     lines.check(kinds["v"], np.isin(counts, (3, 4, 6)), three, counts)
@@ -231,13 +231,13 @@ def _polygons(lines: TextLines, kinds: dict[str, Mask]) -> _Polygons:
         lines.check(kinds["f"], (some == 0) | (some == counts), mixed)
         indices = table[:, column].copy()
         back = np.flatnonzero(indices < 0)
-        if len(back):  # counted from the face's own line
+        if len(back):  # negative indices count back from the face's line
             table[back, column] += 1 + np.cumsum(kinds[kind])[statements[face_of_corner[back]]]
         outside = stated & ((table[:, column] < 1) | (table[:, column] > total))
         for place in np.flatnonzero(outside)[:1].tolist():
             past = f"faces point past the {things}, of which the file has {total:,}"
             raise error(place, f"{past}: index {indices[place]}; export the mesh again")
-    # Indices count from 1 in the file, and absent ones become -1.
+    # Indices count from 1 in the file; absent indices, 0, become -1.
     table -= 1
     return _Polygons(corners=table, counts=counts, lines=statements)
 
@@ -299,7 +299,7 @@ def _part(name: str, corners: Indices, tables: _Tables, look: _Material | None) 
 
 #: Statements that change a surface's color or visibility, and their neutral values.
 _NEUTRAL: Final = {"kd": 1.0, "d": 1.0, "tr": 0.0}
-# in addition to all whose names begin with map_
+# Map statements, in addition to all names that begin with map_
 _MAPS: Final = ("bump", "disp", "decal", "refl", "norm")
 _MOST_NUMBERS: Final = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # maximum of arguments of a map option
 
@@ -318,11 +318,8 @@ def _read_libraries(
 ) -> tuple[dict[str, _Material], list[UnreadFeature]]:
     """Return used materials by name, and features not honoured.
 
-    Parameters
-    ----------
-    path : OBJ file
-    statements : names of libraries, as each `mtllib` statement lists them
-    used : names of materials of which something is not honoured
+    Parameters ---------- path : OBJ file statements : names of libraries, as each `mtllib`
+    statement lists them used : names of materials that polygons use
     """
     looks: dict[str, _Material] = {}
     unread: dict[str, str] = {}  # consequences by feature
@@ -333,10 +330,10 @@ def _read_libraries(
             if library is None:
                 lost = "is missing or cannot be read; textures that it may name are not shown"
                 unread[f"material library {name}"] = lost
-            # The first material of a name counts.
+            # Of materials with the same name, the first is used.
             looks = (library or {}) | looks
     for name in sorted(used - looks.keys() - {""}):
-        plain = name.partition("#")[0].strip()  # a comment, or part of a name
+        plain = name.partition("#")[0].strip()  # # begins a comment, or is part of a name
         if plain in looks:
             looks[name] = looks[plain]
         elif looks:

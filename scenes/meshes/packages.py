@@ -30,7 +30,7 @@ _MEMORY_PER_UNPACKED_BYTE = 16
 #: Bytes of memory that one placed triangle takes: corners and indices in double precision, and
 #: copies.
 _MEMORY_PER_TRIANGLE = 512
-_DEEPEST = 100  # levels of instances within instances
+_DEEPEST = 100  # largest number of levels of instances within instances
 
 _3D: Final = "http://schemas.microsoft.com/3dmanufacturing/"
 _CORE: Final = f"{{{_3D}core/2015/02}}"
@@ -46,7 +46,7 @@ _AGAIN: Final = "export the mesh again"
 
 @dataclass(kw_only=True)
 class _Node:
-    """Object of a package, which may be placed many times."""
+    """Object of a package; it may be placed many times."""
 
     parts: list[MeshPart] = field(default_factory=list)
     #: child nodes, with (4, 4) transforms to this node
@@ -186,7 +186,7 @@ class _Model:
                 if uri not in _KNOWN:
                     reason = f"requires the extension {uri}, which is not read"
                     raise self.package.error(reason, "export the mesh without it")
-            # The first object of a number counts.
+            # Of objects with the same number, the first is used.
             listed = reversed(root.findall(f"{_CORE}resources/{_CORE}object"))
             self._objects[part] = {item.get("id", ""): item for item in listed}
         return self._objects[part]
@@ -201,7 +201,7 @@ class _Model:
             child = self._node(*key), self.package.matrix(named.get("transform"), "transform")
             groups.setdefault(key, []).append(child)
         # trimesh traverses the scene graph depth first with a stack of children: the first child,
-        # then the others from the last. Instances of one object are consecutive.
+        # then the other children from the last. Instances of one object are consecutive.
         placed = list(chain.from_iterable(groups.values()))
         return [*placed[:1], *placed[:0:-1]]
 
@@ -265,7 +265,7 @@ def read_3dxml(path: Path) -> MeshContent:
         nodes[element.get("id", "")] = _Node(parts=_representation(package, element))
 
     def named(instance: Element, kind: str) -> _Node:
-        """Return the node to which an instance refers, by number or by a name ending with it."""
+        """Return the node of an instance, by number or by a name that ends with the number."""
         text = (instance.findtext(f"{{*}}{kind}") or "").strip()
         node = nodes.get(text.rpartition(":")[2])
         if node is None:
@@ -335,7 +335,7 @@ def _finest(package: _Package, rep: Element) -> Indices:
         if len(accuracies) != len(levels):
             raise package.error("has a PolygonalLOD whose accuracy is no number")
         # The accuracy is the largest deviation of a level, so that the finest level has the
-        # smallest.
+        # smallest accuracy.
         own = levels[int(np.argmin(accuracies))].findall("{*}Faces")
 
     def rows(text: str) -> Iterator[Sequence[Indices]]:

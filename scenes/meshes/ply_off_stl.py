@@ -329,11 +329,11 @@ def _corners(path: Path, values: NDArray[Any], counts: Indices, vertices: int) -
 def _textured(
     vertex: _Element, face: _Element, faces: Indices, cut: Indices, counts: Indices
 ) -> tuple[Indices, Indices | slice, Floats | None]:
-    """Return faces, the vertices to which they refer, and texture coordinates of these."""
+    """Return faces, the vertices to which they refer, and texture coordinates of these vertices."""
     of_faces = face.lengths.get("texcoord")
     if of_faces is not None and (of_faces == 2 * counts).all():
         uv = face.values["texcoord"].astype(np.float64).reshape(-1, 2)[cut].reshape(-1, 2)
-        with np.errstate(invalid="ignore", over="ignore"):  # of coordinates beyond all textures
+        with np.errstate(invalid="ignore", over="ignore"):  # huge coordinates overflow
             unique, inverse = unique_rows(uv)
         faces, chosen, places = unmerge_faces(faces, inverse.reshape(faces.shape))
         return faces, chosen, uv[unique][places]

@@ -3,10 +3,10 @@
 Libraries (mapbox_earcut) drop corners on straight edges, which would cause cracks between
 neighbors. Here a polygon of n corners always gives n - 2 triangles.
 
-For any triangulation of a polygon, the signed areas of the triangles add up to its area by Newell's
-formula. The triangulation of an outline that does not cross itself is therefore correct if no
-triangle faces against Newell's normal: no area is covered twice or left out. A fan also needs an
-outline with a total turn of 360 degrees. Wrong ears of an outline that crosses itself are not
+For any triangulation of a polygon, the signed areas of the triangles add up to the polygon's area
+by Newell's formula. The triangulation of an outline that does not cross itself is therefore correct
+if no triangle faces against Newell's normal: no area is covered twice or left out. A fan also needs
+an outline with a total turn of 360 degrees. Wrong ears of an outline that crosses itself are not
 always detected: its ends may overlap, like the ends of a split ring.
 """
 
@@ -19,12 +19,12 @@ import numpy as np
 from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
-#: Largest number of corners of a polygon that the fan does not cut; the time grows as their square.
+#: Largest number of corners of a polygon that the fan does not cut; time grows with its square.
 MAX_CONCAVE_CORNERS = 4_000
 #: Rounding error of a cross product of coordinates of at most one, in units of the coordinates'
 #: rounding error.
 _ROUNDINGS = 16
-_SPIKE = 1e-6  # radians: an outline that goes back on itself may turn either way, by rounding
+_SPIKE = 1e-6  # radians; if an outline goes back on itself, rounding decides the sign of the turn
 
 
 def cut_polygons(
@@ -36,12 +36,9 @@ def cut_polygons(
     quadrilateral then begins at its third corner, as in trimesh. Polygons that are not flat are
     projected along Newell's normal; their fan is used if all its triangles face along this normal.
 
-    Parameters
-    ----------
-    points : (V, 3) coordinates
-    corners : (K,) indices into `points`, polygon after polygon
-    counts : (P,) numbers of corners of each polygon, at least 3
-    refuse : returns the error for polygon number, reason
+    Parameters ---------- points : (V, 3) coordinates corners : (K,) indices into `points`, polygon
+    after polygon counts : (P,) numbers of corners of each polygon, at least 3 refuse : returns the
+    error for a polygon number and a reason
     """
     first = np.cumsum(counts) - counts
     before = np.cumsum(counts - 2) - (counts - 2)  # triangles of earlier polygons
@@ -77,7 +74,7 @@ def _fan(count: int) -> Indices:
 def _mend(
     polygons: Floats, local: Indices, numbers: Indices, refuse: Callable[[int, str], InputError]
 ) -> None:
-    """Replace the triangles (P, n - 2, 3) of polygons (P, n, 3) with a wrong fan."""
+    """Replace the triangles (P, n - 2, 3) of each polygon (P, n, 3) whose fan is wrong."""
     count = polygons.shape[1]
     size = np.ptp(polygons, axis=1).max(axis=1)
     doubt = np.abs(polygons).max(axis=(1, 2))  # coordinates are rounded in proportion to themselves
@@ -104,7 +101,7 @@ def _mend(
         local[other] = [[1, 2, 3], [3, 0, 1]]
         wrong &= ~other
     twice = np.zeros(len(local), np.bool_)
-    if count > 4:  # quadrilaterals cannot
+    if count > 4:  # a quadrilateral cannot go around twice
         twice = np.isfinite(doubt) & (area > doubt) & (_turning(shape, normals, doubt) > 3 * np.pi)
     for place in np.flatnonzero(wrong | twice).tolist():
         if count > MAX_CONCAVE_CORNERS and not twice[place]:
@@ -122,13 +119,13 @@ def _mend(
 
 
 def _all_face(crosses: Floats, normals: Floats, doubt: Floats) -> Mask:
-    """Return a mask (P,) of polygons all of whose triangles face along the normal."""
+    """Return a mask (P,): True if all triangles of a polygon face along its normal."""
     facing = np.einsum("ptx,px->pt", crosses, normals)
     return np.asarray((facing >= -doubt[:, None]).all(axis=1))
 
 
 def _turning(shape: Floats, normals: Floats, doubt: Floats) -> Floats:
-    """Return the total turns (P,) of outlines, seen along the normals; spikes turn back.
+    """Return the total turns (P,) of outlines about the normals, radians; a spike counts as -pi.
 
     An outline that does not meet itself turns by 360 degrees, an outline that goes around twice by
     720.
@@ -140,7 +137,7 @@ def _turning(shape: Floats, normals: Floats, doubt: Floats) -> Floats:
     long = np.linalg.norm(edges, axis=2) > doubt[:, None]
     last = np.maximum.accumulate(
         np.where(long, np.arange(2 * count), 0), axis=1
-    )  # corners that coincide
+    )  # skip edges between coincident corners
     edges = np.take_along_axis(edges, last[..., None], axis=1)[:, count - 1 :]
     sines = np.einsum("ptx,px->pt", np.cross(edges[:, :-1], edges[:, 1:]), normals)
     turns = np.arctan2(sines, np.einsum("ptx,ptx->pt", edges[:, :-1], edges[:, 1:]))
@@ -148,7 +145,7 @@ def _turning(shape: Floats, normals: Floats, doubt: Floats) -> Floats:
 
 
 def _plane(normal: Floats) -> Floats:
-    """Return (2, 3) axes of the plane of a unit normal, so that it faces the viewer."""
+    """Return (2, 3) axes of the plane of a unit normal; the normal points to the viewer."""
     across = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
     across /= np.linalg.norm(across)
     return np.stack([across, np.cross(normal, across)])

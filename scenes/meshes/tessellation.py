@@ -1,7 +1,7 @@
 """Bezier patches (`.bpt` files), tessellated within a chord tolerance and without cracks.
 
-A control net is (n + 1, m + 1, 3): the surface of degree n along u, its first index, and m along v,
-both from 0 to 1 (Farin, "Curves and surfaces for CAGD", 5th ed., chapters 4 and 14).
+A control net (n + 1, m + 1, 3) defines a surface of degree n along u (first index) and degree m
+along v, both from 0 to 1 (Farin, "Curves and surfaces for CAGD", 5th ed., chapters 4 and 14).
 """
 
 import math
@@ -19,7 +19,7 @@ from xfrustum.scenes.shapes import drop_flat, grid_faces
 
 #: Distance from 1 to the next larger double, 2^-52: twice the largest relative rounding error.
 EPSILON = float(np.finfo(np.float64).eps)
-#: Upper limit of the counted steps along a patch, because their quotient may be infinite.
+#: Upper limit of the steps along a patch, because the computed number may be infinite.
 MAX_STEPS = 1e18
 #: Largest number of triangles: a finer tolerance is probably a mistake in the unit.
 MAX_TRIANGLES = 20_000_000
@@ -59,8 +59,8 @@ def second_derivatives(net: Floats) -> tuple[Floats, Floats, Floats]:
 
 def second_derivative_bounds(net: Floats) -> list[float]:
     """Return upper bounds of |f_uu|, |f_uv| and |f_vv| over a patch."""
-    # A Bezier surface, hence also a derivative of one, lies in the convex hull of its control
-    # points.
+    # A Bezier surface lies in the convex hull of its control points, and derivatives of a Bezier
+    # surface are Bezier surfaces.
     return [float(np.linalg.norm(part, axis=-1).max()) for part in second_derivatives(net)]
 
 
@@ -123,18 +123,18 @@ def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
 def tessellate(
     nets: Sequence[Floats], chord_tolerance: float, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return triangles whose distance from the patches is at most the tolerance, and the reverse.
+    """Return triangles whose two-sided distance from the patches is at most the tolerance.
 
-    Patches with a common edge, that is, with the same control points, divide it at the same points,
-    bit for bit. Raises InputError if more than `MAX_TRIANGLES` are needed, or if no patch has an
-    area.
+    Patches that share an edge (the same control points) divide the edge at the same points, bit for
+    bit. Raises InputError if more than `MAX_TRIANGLES` are needed, or if no patch has an area.
     """
 
     def triangles(steps: Steps) -> int:
         return sum(2 * along_u * along_v for along_u, along_v in steps)
 
     steps = [steps_for(net, chord_tolerance) for net in nets]
-    # Matching only adds steps. It counts them in 64 bits, which an absurd tolerance would overflow.
+    # Matching only adds steps. It counts them in 64 bits, and a tiny tolerance would overflow the
+    # count.
     if triangles(steps) <= MAX_TRIANGLES:
         steps = matched_steps(nets, steps)
     if (count := triangles(steps)) > MAX_TRIANGLES:
@@ -216,7 +216,7 @@ def _is_point(controls: Floats) -> bool:
 
 
 #: Default chord tolerance as a share of the diagonal of the box about the control points: half a
-#: pixel where the patches fill an image of 512.
+#: pixel if the patches fill an image of 512 x 512 pixels.
 RELATIVE_CHORD = 1e-3
 #: Largest coordinate of a control point: squares and products with degrees stay far from overflow,
 #: 1e308.
@@ -230,10 +230,10 @@ def load_patches(
 ) -> SceneObject:
     """Read a patch file as one object, in its own coordinates.
 
-    The file is a text: the number of patches, then for each its degrees n m and (n + 1) (m + 1)
-    points x y z, those along m one after the other. The tolerance is the largest distance between
-    surface and triangles, in the file's unit. Raises InputError if the file is missing or damaged,
-    or there are too many triangles.
+    The file is a text: the number of patches, then for each patch its degrees n m and its (n + 1)
+    (m + 1) points x y z, with consecutive points along m. The tolerance is the largest distance
+    between surface and triangles, in the file's unit. Raises InputError if the file is missing or
+    damaged, or there are too many triangles.
     """
     nets = read_patches(path)
     if chord_tolerance is None:

@@ -46,7 +46,7 @@ def join_continued(data: bytes) -> bytes:
 
 
 def starts_of(counts: Indices) -> Indices:
-    """Return the index of the first element of each of consecutive groups of these sizes."""
+    """Return the start index of each group, for consecutive groups of these sizes."""
     return np.asarray(np.cumsum(counts) - counts)
 
 

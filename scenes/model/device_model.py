@@ -50,7 +50,7 @@ class DeviceModel:
     #: True if depth is rounded after each of the two steps of its plane equation, along x and y;
     #: False if only at the end
     rounds_planes: bool = True
-    filter_bits: Digits | None = None  #: of bilinear filter weights; None for float32
+    filter_bits: Digits | None = None  #: binary digits of bilinear filter weights; None for float32
 
     def __post_init__(self) -> None:
         for low, high in (self.d16, self.d24):

@@ -1,8 +1,8 @@
 """Effects that a scene needs, with reasons.
 
 A scene that does not need an effect has the same picture without it. Surfaces that are not visible
-in any image (`scenes.model.visibility`) need no effect except light paths, because they cast
-shadows and reflect light.
+in any image (`scenes.model.visibility`) need no effect. Light paths need them nevertheless: they
+cast shadows and reflect light.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def _refusal(scene: Scene, effect: Effect, camera: Camera) -> Refusal | None:
 
 
 def _calling_faces(effect: Effect, part: SceneObject, material: Material) -> Mask | None:
-    """Return the mask (F,) of an object's triangles that need an effect; None for no triangle."""
+    """Return the mask (F,) of an object's triangles that need an effect; None without any."""
     faces, calling = part.faces, None
     if effect in CAMERAS:
         heights = part.vertices[:, 2]
@@ -139,7 +139,7 @@ def needed(scene: Scene, question: Question | None = None) -> frozenset[Effect]:
 
 
 def chosen(scene: Scene, names: str, question: Question | None = None) -> frozenset[Effect]:
-    """Return the effects of a string: `auto`, `all`, or names between commas; else InputError."""
+    """Return the effects of `auto`, `all`, or names separated by commas; else InputError."""
     if names == "auto":
         return needed(scene, question)
     if names == "all":
@@ -157,7 +157,7 @@ def chosen(scene: Scene, names: str, question: Question | None = None) -> frozen
 
 
 def checked(effects: object) -> frozenset[Effect]:
-    """Return effects of members or names; InputError for any other value."""
+    """Return effects from members or names; InputError for any other value."""
     if isinstance(effects, str) or not isinstance(effects, Iterable):
         raise InputError(
             f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}"

@@ -12,14 +12,14 @@ from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Single
 from xfrustum.scenes.model.images import NOTHING, Labels, SurfaceImage
 from xfrustum.scenes.representation import Labelled, ShortRepr
 
-#: Default resolution of an eye's film, and its largest number of pixels, about 100 bytes each.
+#: Default resolution of an eye's film, and the largest number of its pixels (100 bytes each).
 RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24
 #: Number of points of the pupil for means of color: enough for a smooth blur of a few pixels.
 PUPIL_POINTS = 16
 
 
 class Beam(StrEnum):
-    """Profile of a hogel's beam: uniform (the nearest pixel) or linear (a mean of four)."""
+    """Profile of a hogel's beam: uniform (the nearest pixel) or linear (a mean of four pixels)."""
 
     BOX = "box"
     TENT = "tent"
@@ -27,7 +27,7 @@ class Beam(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Eye:
-    """Eye with the rectangle of the plate as film, row 0 at the top, in equal cells.
+    """Eye whose film is the rectangle of the plate, divided into equal cells; row 0 is at the top.
 
     Raises InputError if the eye is in or behind the plate, if a number is not finite, or if there
     are too many pixels.
@@ -82,8 +82,8 @@ class Eye:
 class HogelPixels(ShortRepr):
     """Hogel and pixel for each pixel of an eye's film, and two factors of its weight.
 
-    Columns (W,) depend only on the eye's column, and rows (H,) only on its row. They are -1 if the
-    ray meets no hogel.
+    Columns (W,) depend only on the column of the eye's film, and rows (H,) only on its row. Columns
+    and rows are -1 if the ray meets no hogel.
     """
 
     hogel_column: Indices
@@ -133,11 +133,11 @@ class EyeImage(SurfaceImage):
     triangle: Numbers
     #: object number, `NOTHING` where there is none
     object: Numbers
-    #: surface point, scene units; NaN where there is none or it is not known
+    #: surface point, scene units; NaN without a surface, or if unknown
     position: Floats
     #: linear RGB, averaged over the pupil and over beams; None if not known
     color: Singles | None = None
-    #: uint8 `Certainty` per pixel; None if nothing was certified
+    #: uint8 `Certainty` per pixel; None without certification
     certainty: Bytes | None = None
 
     @property

@@ -55,7 +55,7 @@ class HogelCamera:
     aperture: Aperture
     resolution: tuple[int, int]  #: W, H in pixels
     shear: tuple[float, float]  #: k, slopes per unit of depth
-    half_extent: tuple[float, float]  #: t, likewise
+    half_extent: tuple[float, float]  #: t, slopes per unit of depth
     reach: tuple[float, float]  #: toward the viewer and behind the plate, scene units
     scene: str  #: name or path from which the scene can be opened again
     scene_hash: str  #: content hash, which proves that the scene is unchanged
@@ -130,8 +130,8 @@ class HogelImage(SurfaceImage):
     camera: HogelCamera
     triangle: Numbers  #: int32, `NOTHING` where there is no surface
     object: Numbers  #: likewise
-    #: Visible surface point in scene units, NaN where there is none: float64 from a reference,
-    #: float32 from a rasterizer; structures of arrays in memory from our own rasterizers.
+    #: Visible surface point in scene units, NaN without a surface: float64 from a reference,
+    #: float32 from a rasterizer. Our rasterizers return a view of a structure of arrays.
     position: NDArray[np.floating]
     #: unit normal, oriented by the mesh's winding; NaN where there is no surface
     normal: NDArray[np.floating] | None = None
@@ -181,7 +181,7 @@ class HogelImage(SurfaceImage):
         return self.position[..., 2]
 
     def at(self, pixels: Indices) -> HogelImage:
-        """Return a one-row image of the pixels of flat numbers, without normals and colors."""
+        """Return a one-row image of pixels by their flat indices, without normals and colors."""
         names = ("triangle", "object", "position", "certainty")
         arrays = {name: value for name in names if (value := getattr(self, name)) is not None}
         some = {name: a.reshape(-1, *a.shape[2:])[pixels][None] for name, a in arrays.items()}

@@ -33,7 +33,7 @@ STEEPEST = 1e12
 #: Number of triangles processed at once. It bounds the memory of intermediate results, 300 bytes
 #: per triangle, in scenes of many millions.
 TRIANGLES_AT_ONCE = 1 << 19
-MAX_LISTED_OBJECTS = 24  #: largest number of objects that a notebook lists; the others are counted
+MAX_LISTED_OBJECTS = 24  #: largest number of objects that a notebook lists; it counts the rest
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -53,13 +53,13 @@ class NormalsMade(StrEnum):
 
 @dataclass(frozen=True)
 class UnreadFeature:
-    """Unread feature of a mesh file that changes only the appearance.
+    """Unread feature of a mesh file; it changes only the appearance.
 
     An unread feature that would change geometry or position is refused with InputError instead.
     """
 
     feature: str  #: name in the file's own format, such as "KHR_texture_transform"
-    consequence: str  #: what follows, as a verb phrase, such as "is not applied to the texture"
+    consequence: str  #: consequence, a verb phrase, such as "is not applied to the texture"
 
     def __str__(self) -> str:
         return f"{self.feature} {self.consequence}"
@@ -74,16 +74,16 @@ class SceneObject(ShortRepr):
     for an invalid mesh.
     """
 
-    name: str  #: mesh file or built-in shape that the object came from
+    name: str  #: mesh file or built-in shape of the object
     vertices: Floats  #: (V, 3) scene units, finite
     faces: Indices  #: (F, 3) indices into `vertices`, at least one
     material: str | None = None  #: name of the material table; None for the default
-    uv: Floats | None = None  #: (V, 2) texture coordinates, v up; NaN at vertices without
+    uv: Floats | None = None  #: (V, 2) texture coordinates, v up; NaN if a vertex has none
     textures: tuple[
         Bytes, ...
     ] = ()  #: (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top
     texture_of_triangle: Numbers | None = None  #: (F,) index into `textures`, or `UNTEXTURED`
-    vertex_normals: Floats | None = None  #: (V, 3), NaN at vertices without
+    vertex_normals: Floats | None = None  #: (V, 3), NaN if a vertex has no normal
     vertex_colors: Floats | None = None  #: (V, 3) linear RGB
     normals_made: NormalsMade = NormalsMade.NONE  #: normals computed from faces (`smooth = true`)
     unread: tuple[UnreadFeature, ...] = ()  #: unread features of the mesh file
@@ -199,7 +199,7 @@ class Scene(ShortRepr):
     source: str = ""  #: path or built-in name by which the command line opens this scene
     appearance: Appearance = field(default_factory=Appearance)  #: by default gray, with one light
     sampling: Sampling = field(default_factory=Sampling)  #: by default one sample
-    transport: Transport = field(default_factory=Transport)  #: by default none
+    transport: Transport = field(default_factory=Transport)  #: by default no light paths
 
     def __post_init__(self) -> None:
         kinds = {"name": str, "units": str, "plate": Plate, "frustum": Frustum, "objects": Iterable}
@@ -318,7 +318,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def twins(self) -> Indices:
-        """(F, 3) number, 3 triangle + side, of the coincident side of another triangle.
+        """(F, 3) number of the coincident side of another triangle: 3 * triangle + side.
 
         Side k is from corner k to the next corner. The number is -1 unless exactly one other
         triangle of the object has corners at the same two positions.
@@ -353,7 +353,7 @@ class Scene(ShortRepr):
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:
-        """One material per object; the default material for objects without a name of one."""
+        """One material per object; the default material for objects without a material name."""
         return tuple(self.appearance.material(part.material) for part in self.objects)
 
     @cached_property

@@ -25,13 +25,13 @@ Interval = tuple[float, float]
 
 #: smallest near, fraction of the longest reach, for which `FAR_MARGIN` bounds images
 SMALLEST_NEAR_SHARE = 2.0**-16
-#: roundings of 2^-24 w in w - z, where clip depth z equals w at the far plane: two in z, one in w,
-#: one in the difference; times four, because vertices and matrices are in float32 too
+#: number of roundings of 2^-24 w in w - z (clip depth z equals w at the far plane): two in z, one
+#: in w and one in the difference, times four, because vertices and matrices are float32 too
 FAR_ROUNDINGS = 16
-#: Factor by which a drawn image may extend beyond the reach. With `standard` and `gl` depth,
-#: w - z = n (f - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves
-#: the far plane by a fraction 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all roundings together move
-#: it by a sixteenth; the factor allows twice this.
+#: Factor by which a drawn image may extend beyond the reach. With `standard` and `gl` depth, w - z
+#: = n (f - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far
+#: plane by a fraction 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all roundings together move it by a
+#: sixteenth of w; the factor allows twice this.
 FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
 #: Margin of lateral bounds, relative to the largest term. The error of a float32 transform is at
 #: most eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32
@@ -45,7 +45,7 @@ PLATE_ROUNDING = 2.0**-24
 #: margin of aperture indices: coordinates have a dozen roundings of doubles, below 1e-12 of a cell
 INDEX_MARGIN = 1e-6
 
-#: number of triangles tested at once: in most objects one of the first is visible
+#: numbers of triangles tested at once, and tested first: in most objects one of these is visible
 CHUNK_TRIANGLES, FIRST_TRIANGLES = 1 << 12, 1 << 6
 
 #: Largest number of triangles after splitting a coarse mesh. Each triangle marks a rectangle of
@@ -140,7 +140,7 @@ def _apertures_of(
 
 
 def _layers(frustum: Frustum, low: float, high: float) -> Iterator[Interval]:
-    """Yield the layers between two heights, which end at the plate and at the screen."""
+    """Yield the layers between two heights, cut at the plate and at the screen."""
     cuts = [0.0] if frustum.screen is None else sorted([0.0, frustum.screen.height])
     yield from pairwise([low, *(cut for cut in cuts if low < cut < high), high])
 
@@ -154,7 +154,7 @@ def crosses_plate(scene: Scene, aperture: Aperture, window: Floats) -> bool:
     some = scene.triangles[(lowest <= 0) & (highest >= 0) & (lowest < highest)]
     corners, valid = _parts(some, 0.0, 0.0)
     # A triangle meets the plate in a segment: from one intersection point to the farthest other
-    # one.
+    # point.
     places = np.where(valid[..., None], corners[..., :2] - [aperture.x, aperture.y], np.nan)
     first = np.take_along_axis(places, valid.argmax(axis=1)[:, None, None], axis=1)
     apart = np.nan_to_num(np.abs(places - first).sum(axis=-1), nan=-1.0).argmax(axis=1)
@@ -186,7 +186,7 @@ class Region:
         apertures: Iterable[Aperture] | None = None,
         settings: Sequence[DoubleFrustum] = (),
     ) -> Region:
-        """Return the region of drawn images of some apertures with their cells; None for all.
+        """Return the region of drawn images of apertures with their cells; None for the plate.
 
         It is valid for every near of at least `SMALLEST_NEAR_SHARE` of the reach; a smaller near
         needs the settings.
@@ -202,7 +202,7 @@ class Region:
 
     @classmethod
     def from_cells(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:
-        """Return the region of the true frusta of some apertures with their cells; None for all."""
+        """Return the region of the true frusta of apertures with their cells; None: of all."""
         plate = scene.plate
         if apertures is None:
             (width, height) = plate.size
@@ -233,7 +233,7 @@ class Region:
     def shows(self, part: SceneObject, faces: Indices | None = None) -> bool:
         """Return whether images may show any of an object's triangles; False is certain."""
         counted = part.faces if faces is None else faces
-        # Most objects show by their first triangles: a short chunk comes first.
+        # In most objects one of the first triangles is visible: test a short chunk first.
         starts = [0, *range(FIRST_TRIANGLES, len(counted), CHUNK_TRIANGLES), len(counted)]
         for start, stop in pairwise(starts):
             triangles = part.vertices[counted[start:stop]]
@@ -430,7 +430,7 @@ class ObjectExtent:
     triangles: int
     low: Point  #: corners of the bounding box
     high: Point
-    share_in_reach: float | None  #: share of its surface; None if the surface has no area
+    share_in_reach: float | None  #: share of the object's surface; None if it has no area
     sight: Sight
 
     @property
@@ -486,7 +486,7 @@ class DepthBin:
     nearest: float  #: range of |z| of the content
     farthest: float
     triangles: int  #: triangles with a part in the bin, inside the frusta
-    share: float  #: share of the surface of all bins, by area; 0 where none has an area
+    share: float  #: share of the surface of all bins, by area; 0 if no surface has an area
 
 
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:

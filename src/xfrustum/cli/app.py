@@ -117,7 +117,7 @@ def cli(
     # `main` has read this option already, before anything else could fail.
     del traceback
     if arrays is not None:
-        # Worker processes inherit it.
+        # Worker processes inherit this variable.
         os.environ["XFRUSTUM_DEVICE"] = arrays
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
@@ -125,7 +125,7 @@ def cli(
         from xfrustum.scenes import disk
 
         if max_input_memory is not None:
-            # Limits end with the command: programs may call commands in one process.
+            # Limits end with the command: programs may call several commands in one process.
             context.with_resource(disk.input_memory(max_input_memory))
         if max_hogels is not None:
             context.with_resource(disk.largest_plate(max_hogels))
@@ -151,7 +151,7 @@ def invoke(arguments: Sequence[str]) -> int:
         try:
             # Surrogates of undecodable bytes would fail later, in the middle of a written file.
             argument.encode()
-        except UnicodeEncodeError as error:  # image files and JSON cannot hold it
+        except UnicodeEncodeError as error:  # image files and JSON cannot hold surrogates
             raise click.UsageError(f"{argument} is not UTF-8; use another name") from error
     shell = os.environ.get(COMPLETION_VARIABLE)
     if shell is not None:

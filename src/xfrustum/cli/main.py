@@ -18,7 +18,7 @@ from typing import Any
 from xfrustum import interrupts
 from xfrustum.terminal import say
 
-#: Exit statuses of a mistake of the user, and of an error of the program itself (EX_SOFTWARE).
+#: Exit statuses for a mistake of the user, and for an error of the program (EX_SOFTWARE).
 BAD_INPUT, UNEXPECTED_ERROR = 2, 70
 
 TRACEBACK_OPTION = "--traceback"
@@ -27,7 +27,7 @@ _FREE, _PERMISSION = (
     "free some space or choose another place",
     "choose another place, or ask for permission",
 )
-#: Advice to the user about errors of the operating system, by their numbers; others are unexpected.
+#: Advice to the user by error number of the operating system; other errors are unexpected.
 ADVICE = {
     errno.ENAMETOOLONG: "give a shorter name",
     errno.ENOSPC: _FREE,
@@ -46,7 +46,7 @@ def run() -> int:
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
-        except OSError:  # it is closed: libraries would write to a file that got such a number
+        except OSError:  # closed: libraries would write to the next file, which gets this number
             os.open(os.devnull, os.O_RDWR)
     # Write to the true standard error, even if a library has replaced its descriptor. Child
     # processes inherit this. A crash in native code, such as a driver, then still prints a stack.
@@ -61,7 +61,8 @@ def run() -> int:
         logging.disable()
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
-            # This is the only warning of Python's for users; its class would load OpenGL.
+            # The only Python warning for users; it is selected by message, because its class would
+            # load OpenGL.
             warnings.filterwarnings("once", message=".* draws in software")
             warnings.showwarning = _show_warning
     status = main()
@@ -79,7 +80,7 @@ def run() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command with arguments and return the exit status (None: this process's, then exit)."""
+    """Run a command and return its exit status; None selects the arguments of this process."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         with interrupts.obeyed(ignored_afterwards=arguments is None):
@@ -115,12 +116,10 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # a reader that stops reading is not an error
         return 0
     elif isinstance(error, OSError) and error.errno in ADVICE:
-        # Our files have names: a nameless failure is a failure of standard output.
+        # All files have names here: an error without a file name is from standard output.
         place = "standard output" if error.filename is None else os.fsdecode(error.filename)
         say(f"error: {place}: {os.strerror(error.errno)}; {ADVICE[error.errno]}")
-    elif isinstance(
-        error, KeyboardInterrupt | click.Abort
-    ):  # the program around this handles its signals
+    elif isinstance(error, KeyboardInterrupt | click.Abort):  # the calling program handles signals
         say(interrupts.WORDS[signal.SIGINT] + interrupts.advice)
         return 128 + signal.SIGINT
     else:

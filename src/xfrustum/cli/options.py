@@ -41,7 +41,7 @@ S = TypeVar("S", bound=str)
 #: differs.
 LIMIT_EXCEEDED = 1
 
-#: `xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two.
+#: Copy of `xfrustum.reference.TRACERS`, which loads slowly; tests/cli/test_help.py compares them.
 TRACERS = ("embree", "mitsuba")
 
 #: Value by which the program chooses the number of sub-apertures, or the worst apertures.
@@ -65,7 +65,7 @@ def option(
 @overload
 def option(kind: click.ParamType[T], words: str, *flags: str) -> T | None: ...
 def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
-    """Return the option of an attribute, with kind and help text; `flags` override its name."""
+    """Return the option of an attribute, with kind and help text; `flags` replace its flag."""
 
     def parameters(name: str) -> list[click.Parameter]:
         named = flags or (f"--{name.replace('_', '-')}",)
@@ -127,7 +127,7 @@ def command(
         request_class: type[Asked] = get_type_hints(function)["request"]
         declared: dict[str, tuple[Declared, list[click.Parameter]]] = {}
         # The subclass comes first in the method resolution order, so that its options precede
-        # inherited ones in the help, and override them.
+        # inherited options in the help, and override them.
         for kind in request_class.__mro__:
             for name, member in vars(kind).items():
                 if isinstance(member, Declared):
@@ -185,7 +185,7 @@ class Read(click.ParamType[T], Generic[T]):
         return self.name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> T:
-        """Return the value that a text means."""
+        """Convert text to a value."""
         # Defaults are values already.
         if not isinstance(value, str):
             return value  # type: ignore[no-any-return]
@@ -248,8 +248,8 @@ def _share(text: str) -> float:
 
 
 def _length(text: str) -> tuple[float, str | None]:
-    # The exponent is part of the number: the unit of 1e3mm is mm. Letters of any script are
-    # accepted as a unit, whose name the scene file defines.
+    # The exponent is part of the number: the unit of 1e3mm is mm. A unit may have letters of any
+    # script: the scene file defines its name.
     match = re.fullmatch(r"([-+.\d]+(?:e[-+]?\d+)?)\s*([^\W\d]*)", text)
     if match is None:
         raise ValueError
@@ -257,7 +257,7 @@ def _length(text: str) -> tuple[float, str | None]:
 
 
 def _bytes(text: str) -> int:
-    # Powers of 1024, with or without the letter of bytes.
+    # Units are powers of 1024, with or without a B for bytes.
     match = re.fullmatch(r"([.\d]+)\s*([KMGT]?)(?:I?B)?", text.upper())
     if match is None:
         raise ValueError
@@ -443,7 +443,7 @@ def _accepted(text: str) -> tuple[str, ...]:
     kind = one_of((*ACCEPTABLE, "all"))
     return (
         ACCEPTABLE
-        # Expand the word, so that records name each accepted convention.
+        # Expand `all`, so that records name each accepted convention.
         if text == "all"
         else tuple(kind.convert(part, None, None) for part in text.split(","))
     )
@@ -519,7 +519,7 @@ class Measured(Printed):
 
 
 class OneOrAuto(Measured):
-    """A command about one aperture of a scene, or about its worst ones."""
+    """Command about one aperture of a scene, or about the worst apertures."""
 
     scene = scene_argument
     aperture = aperture_option
@@ -553,7 +553,7 @@ def open_scene(name: str) -> Scene:
 
 
 def check_out(folder: Path | None, files: Sequence[str]) -> None:
-    """Refuse an output folder that cannot be written or that holds something else."""
+    """Refuse an output folder that cannot be written or that holds other files."""
     if folder is not None:
         from xfrustum.reports.common.outputs import check_writable_folder
 
@@ -591,8 +591,8 @@ def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
     """Refuse apertures that show nothing; warn on standard error of cut and of tiny objects.
 
-    With `black_is_right`, for commands that write a picture, such apertures cause only a warning if
-    another aperture of the plate shows something, and in hard cases.
+    `black_is_right` is for commands that write a picture: such apertures then cause only a warning
+    if another aperture of the plate shows something, or if the scene is a hard case.
     """
     from xfrustum.reports.scene_check import sight
     from xfrustum.scenes.arguments import InputError

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.plate import Aperture
 
-# The word none is an element of a sweep: frusta without cuts, next to frusta with cuts.
+# The word none in a sweep selects frusta without cuts, next to frusta with cuts.
 _CUT = options.Read("Z,Z", lambda text: () if text.lower() == "none" else NUMBERS.read(text), "")
 _CUTS = list_of(_CUT, ";", "Z,Z;none", "lists of heights such as '15,40;20;none'")
 
@@ -167,12 +167,12 @@ def budget(request: _Budget) -> None:
     --apertures auto does so at the middle aperture and the worst apertures.
     """
     opened = request.light.applied(options.open_scene(request.scene))
-    # Test the settings before the scan of a plate, which takes longer.
+    # Test the settings first: the scan of a plate takes longer.
     request.settings.check_against(opened.frustum)
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports import budget as budgeting
 
-    # With several apertures, each has its own folder, which is tested after they are chosen.
+    # With several apertures, each aperture has its own folder: test it after the choice.
     options.check_out(request.out, () if request.auto else budgeting.FILES)
     chosen = request.chosen(opened)
     charge: Any = budgeting.budget

@@ -123,7 +123,7 @@ def plan(request: _Plan) -> None:
     require_room(opened)
     viewer = None
     if request.eyes:
-        # A viewing distance may have a unit; a scene without a physical unit refuses it.
+        # A viewing distance may have a unit; it is refused if the scene has no physical unit.
         distance = scene_length(request.eyes.pop("viewer"), opened)
         viewer = Viewer(distance=distance, **request.eyes)
     required = options.present(**request.required)
@@ -158,8 +158,8 @@ class _Cost(options.OneOrAuto):
 def cost(request: _Cost) -> None:
     """Measure error against time of every configuration; name the cheapest within a tolerance.
 
-    The result names the cheapest for the tolerance and for a fifth of it. With --apertures auto,
-    errors are measured at several apertures, and the worst counts.
+    The result names the cheapest configuration for the tolerance and for a fifth of it. With
+    --apertures auto, errors are measured at several apertures, and the largest error counts.
     """
     opened = options.open_scene(request.scene)
     from xfrustum.reports import cost as costs

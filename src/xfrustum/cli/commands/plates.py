@@ -61,7 +61,7 @@ class _Plate(options.Measured):
     @cached_property
     def settings(self) -> DoubleFrustum | None:
         """Settings of the two cameras; None for truths and plates by directions."""
-        # Plates by directions have a depth buffer, and no other setting of the cameras.
+        # Plates by directions have a depth buffer, but no other setting of the cameras.
         directions = self.by != "hogels" and not self.truth
         others = [name for name in self.named if name != "depth" or not directions]
         if self.by == "directions" and others:
@@ -74,13 +74,13 @@ class _Plate(options.Measured):
         return options.settings_of(**self.named) if others else None
 
     def refuse_contradictions(self) -> None:
-        """Refuse a plate without a renderer or with two, and light that a rasterizer lacks."""
+        """Refuse a plate with no renderer or two renderers, and light that a rasterizer lacks."""
         problem, light = "", self.light
         if self.truth and self.settings is not None:
             problem = "--truth is traced with the true frustum: leave out --near and its options"
         elif not self.truth and self.settings is None and self.needs_near:
             problem = "Missing option '--near'; give it, or --truth for a plate of truths"
-        # Without an error, the stored plate would look complete and lack the light.
+        # Without an error, the stored plate would look complete, but lack this light.
         elif not self.truth and (light.shadows or light.interreflection or light.samples):
             problem = "a rasterizer has no shadows and no interreflection: add --truth"
         elif self.layout and (self.blocks or (self.engine and not self.engine.part.everything)):
@@ -117,7 +117,7 @@ def plate(request: _Plate) -> None:
     request.refuse_contradictions()
     light = request.light
     opened = light.applied(options.open_scene(request.scene))
-    # --effects excludes light paths: switch off the light transport of the scene.
+    # If --effects excludes light paths, switch off the light transport of the scene.
     if request.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(
             opened, transport=replace(opened.transport, shadows=False, interreflection=False)
@@ -222,7 +222,7 @@ if TYPE_CHECKING:
 
 
 def _settings(nears: tuple[float, ...] | None, **values: Any) -> tuple[DoubleFrustum, ...]:
-    """Return the settings of one near or of several; none without a near."""
+    """Return the settings of one near or of several nears; empty without a near."""
     # Each value of --nears is a setting; an additional --near would be ambiguous.
     if nears is not None and values["near"] is not None:
         raise click.UsageError("--near is one setting and --nears are several: give one of them")
@@ -322,6 +322,7 @@ def survey(request: _Survey) -> int:
     # A part of a job array writes no page.
     place = request.out / PAGE if answer.extent.complete else request.out
     request.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
-    # The command fails only by a limit that the user sets; the default tolerance describes.
+    # The command fails only if a limit set by the user is exceeded; the default tolerance only
+    # describes.
     limited = request.until is not None or options.is_given("tolerance_px")
     return options.LIMIT_EXCEEDED if limited and answer.extent.complete and answer.exceeded else 0

@@ -77,7 +77,7 @@ def _tolerance(text: str) -> Any:
 
 
 def _baseline(baseline: Path | None, **request: Any) -> dict[str, Any] | None:
-    """Return the options of a baseline, its folder included; None if there is none."""
+    """Return the options of a baseline, its folder included; None without a baseline."""
     if baseline is not None:
         return {"folder": baseline, **request}
     # Options of a baseline without its folder would have no effect.
@@ -232,7 +232,7 @@ def verify(request: _Verify) -> int:
         return 0
     options.warn_of(opened)
     encoding = request.judged["encoding"]
-    # If files have no numbers, the stated encoding had no effect: warn the user.
+    # If files have no triangle or object numbers, the stated encoding had no effect: warn the user.
     if encoding in ("triangle-id", "object-id") and verification.judged.startswith("colors"):
         options.note(
             f"files without numbers (OpenEXR without id.*): --encoding {encoding} is not used"
@@ -246,7 +246,7 @@ def verify(request: _Verify) -> int:
         return 0 if verification.kept else options.LIMIT_EXCEEDED
     stated_ = {name: request.judged[name] for name in ("near", "accept", "encoding")}
     if encoding == "rgb" and request.judged["command"] is None:
-        # An explicit default gives the same verdict.
+        # Treat an explicit default like an absent option: the verdict is the same.
         stated_["encoding"] = None
     folder = request.baseline.pop("folder")
     held = accepted.baseline(
