@@ -1,4 +1,4 @@
-"""Truth against raster, pixel by pixel and in numbers (docs/method.md, "Comparison")."""
+"""Comparison of a raster image with the truth, in pixels and numbers (docs/method.md)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """Number of wrong pixels in one sense; the fraction is 0 without judged pixels."""
+    """Number of pixels that are wrong in one respect; the fraction is 0 without judged pixels."""
 
     wrong: int
     fraction: float
@@ -31,9 +31,9 @@ class Share:
 class SurfaceShare(Share):
     """Number of judged pixels that show the wrong surface."""
 
-    #: number of these whose point belongs outside the true film, where no pixel shows it
+    #: number of wrong pixels whose point belongs outside the true film
     outside: int
-    #: number of these whose true surface was culled; None if nothing was culled
+    #: number of wrong pixels whose true surface was culled; None without culling
     culled: int | None = None
 
 
@@ -58,7 +58,7 @@ class ComparisonNumbers:
     )  #: None if no pixel shows the same triangle in both images
     #: None if colors were not compared, or an image has none
     radiance: RadianceNumbers | None
-    #: the truth's pixels by class
+    #: number of the truth's pixels by class of certainty
     certainty: dict[str, int]
 
 
@@ -67,7 +67,7 @@ class Comparison(ShortRepr, ComparisonNumbers):
     """Errors of a raster image, in numbers and pixel by pixel."""
 
     errors: error_maps.PixelErrors
-    #: None if they were not compared
+    #: None if colors were not compared
     colors: RadianceError | None
 
     @property
@@ -82,7 +82,7 @@ class Comparison(ShortRepr, ComparisonNumbers):
 
     @property
     def numbers(self) -> ComparisonNumbers:
-        """Only the numbers, without the images."""
+        """The numbers without the images."""
         return ComparisonNumbers(
             **{part.name: getattr(self, part.name) for part in fields(ComparisonNumbers)}
         )
@@ -133,9 +133,10 @@ def compare_images(
     reference
         Tracer of the same scene; without it `surface` is None.
     radiance, perceptual
-        Whether to compare colors, and how different the pictures look.
-    cached_errors Errors of another image by the same truth: pixels that are equal in both are not
-    judged again.
+        Whether to compare colors, and whether to compare how different the pictures look.
+    cached_errors
+        Errors of another image by the same truth: pixels that are equal in both images are not
+        judged again.
 
     Raises
     ------

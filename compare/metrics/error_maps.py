@@ -2,9 +2,9 @@
 
 A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there
 is one, or another object (`other_surfaces`); or the point that it shows belongs outside the film
-(`outside_film`); or that point is hidden behind something else (`hidden_pixels`). Here, film and
-lines belong to the true frustum; in `xfrustum.compare.judging.judged`, to another renderer's
-cameras.
+(`outside_film`); or the point is hidden behind another surface (`hidden_pixels`). In
+`surface_errors`, film and lines belong to the true frustum; in `xfrustum.compare.judging.judged`,
+they belong to another renderer's cameras.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Cull
 from xfrustum.scenes.representation import ShortRepr
 
-#: function that returns which points (N,) are occluded
+#: function that returns a mask (N,) of occluded points
 Occluded = Callable[[SurfacePoints], Mask]
 FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10
-"""Bounds of points that float in front of every surface.
+"""Distance in front of a surface beyond which a point floats: a share of its depth.
 
-A share of the depth, and a multiple of the rounding by storage coarser than float32, which moves
-points off slanted surfaces along their lines."""
+Storage coarser than float32 moves points along their lines off slanted surfaces. A multiple of its
+rounding is added."""
 SNAPPED_PX = (
     0.25  #: largest displacement of a drawn edge by snapping, pixels; 4 subpixel bits snap by 0.05
 )
@@ -74,7 +74,7 @@ class HeightError:
 
 
 def root_mean_square(values: Floats) -> float:
-    """Return the root mean square of values of any shape, of which there is at least one."""
+    """Return the root mean square of at least one value; any shape."""
     largest = float(np.abs(values).max())
     # Values are scaled first: near the plate the squares of displacements may overflow.
     return (
@@ -89,7 +89,7 @@ def root_mean_square(values: Floats) -> float:
 
 
 def true_lines(camera: HogelCamera) -> RayBundle:
-    """Return the lines of the true frustum of the aperture that an image's camera names."""
+    """Return the true frustum's lines through the aperture of an image's camera."""
     return RayBundle(
         center=(camera.aperture.x, camera.aperture.y, 0.0),
         shear=camera.shear,
@@ -108,7 +108,7 @@ def pixel_centers(camera: HogelCamera) -> Floats:
 
 
 def existing_triangles(numbers: Numbers, scene: Scene) -> Numbers:
-    """Return triangle numbers of any shape; `NOTHING` where a number is not one of the scene's."""
+    """Return triangle numbers of any shape, `NOTHING` in place of numbers beyond the scene's."""
     return np.where((numbers >= 0) & (numbers < len(scene.faces)), numbers, np.int32(NOTHING))
 
 
@@ -127,7 +127,7 @@ class DrawnPoints:
     coordinates: Floats
     #: (N,) triangle numbers of the image
     triangle: Numbers
-    #: (N, 3) error bounds of the stored coordinates; None as float32
+    #: (N, 3) error bounds of the stored coordinates; None for storage as float32
     doubt: Floats | None = None
 
     @classmethod
@@ -189,8 +189,8 @@ def displacement(image: HogelImage, camera: HogelCamera) -> Floats:
 def beyond_storage(shift: Floats, image: HogelImage) -> Floats:
     """Return displacements (H, W, 2) less the error bounds of the stored positions.
 
-    Coordinates that are off by e, and heights by e_z, move a point's slope (x - a) / z by at most
-    (e + e_z |x - a| / |z|) / |z|.
+    An error e of a coordinate and an error e_z of the height change a point's slope (x - a) / z by
+    at most (e + e_z |x - a| / |z|) / |z|.
     """
     if image.uncertainty is None:
         return shift
@@ -228,8 +228,8 @@ def surface_errors(
     point belongs outside the true film, or if another surface is in front of this point on the
     point's own true line. In the true frustum, a point in the plate is visible only at the
     aperture's center. The film ends half a pixel beyond the outermost pixels' centers, so that a
-    picture displaced by less shows no point from outside. `places` are the `film_places` of the
-    raster, if already computed.
+    picture displaced by less than half a pixel shows no point from outside. `places` are the
+    `film_places` of the raster, if already computed.
     """
     scene, bundle = reference.scene, true_lines(truth.camera)
     points = DrawnPoints.from_image(raster, np.flatnonzero(raster.off_plate))
@@ -243,7 +243,8 @@ def surface_errors(
     # A point in the plate does not determine a line: it is right only if the truth also shows a
     # point in the plate.
     wrong |= in_plate(raster) & ~in_plate(truth)
-    # The occlusion test traces a line per point. Points that equal the certified truth need none.
+    # The occlusion test traces a line per point. Points that equal the certified truth are visible
+    # without a test.
     seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
     # A certified point lies on the film by construction, in spite of its rounding.
     beyond = _beyond_film(points, located, bundle, scene) & ~seen
@@ -284,14 +285,14 @@ def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mas
 
 
 def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
-    """Return the points (N,) that equal the truth within rounding; with a tiny near, most do."""
+    """Return the points (N,) that equal the truth within rounding, most points if near is tiny."""
     seen = np.zeros(len(points.pixels), dtype=np.bool_)
     if truth.certainty is None:
         return seen
     same = points.triangle == truth.triangle.reshape(-1)[points.pixels]
     same &= (points.triangle >= 0) & (points.triangle < len(scene.faces))
     same &= truth.certainty.reshape(-1)[points.pixels] <= Certainty.EXACT
-    # With a larger near, the test of heights already excludes nearly all points.
+    # With a larger near, this test of heights excludes nearly all points, at little cost.
     height = truth.height.reshape(-1)[points.pixels]
     some = np.flatnonzero(
         same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene))
@@ -329,7 +330,7 @@ def outside_film(mask: Mask, shown: HogelImage, scene: Scene, bundle: RayBundle)
 
 
 def hidden_pixels(mask: Mask, shown: SurfaceImage, scene: Scene, hides: Occluded) -> Mask:
-    """Return the pixels of a mask (H, W) of surfaces off the plate that show a hidden point."""
+    """Return the pixels of a mask (H, W) that show a hidden point; no surfaces in the plate."""
     pixels = np.flatnonzero(mask)
     hidden = np.zeros_like(mask)
     hidden.flat[pixels] = hides(DrawnPoints.from_image(shown, pixels).surface_points(scene))
@@ -341,10 +342,10 @@ def floating_pixels(
 ) -> Mask:
     """Return the pixels of a mask (H, W) with a point without a surface at or close behind it.
 
-    Positions in wrong units may be on the right lines, in front of everything. A point is moved
+    Positions in wrong units may be on the right lines, in front of every surface. A point is moved
     away along its line by `FLOATING_SHARE` of its depth. If no surface hides it there, or
-    `SNAPPED_PX` to the side (because rasterizers snap edges), it was not on a surface. Points this
-    close to the expected point are on a surface.
+    `SNAPPED_PX` to the side (because rasterizers snap edges), it was not on a surface. A point that
+    is closer than this to the expected point is not tested.
     """
     floating = np.zeros_like(mask)
     points = DrawnPoints.from_image(shown, np.flatnonzero(mask))
@@ -360,7 +361,7 @@ def floating_pixels(
         share += FLOATING_DOUBTS * np.nan_to_num(doubt)
     room = share * np.abs(offset[:, 2])
     far = np.flatnonzero(~(np.abs(position - true).max(axis=1, initial=0.0) <= room))
-    # s = -z about the center: lines run toward larger s on both sides of it.
+    # s is -z relative to the center. Lines run toward larger s on both sides of the center.
     moved = offset * (1.0 - share[:, None] * np.sign(offset[:, 2:]))
     # An edge may be snapped past the point, so that positions to the side are tested too.
     for across, up in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -378,7 +379,7 @@ def floating_pixels(
 
 
 def turned_away(truth: HogelImage) -> Mask:
-    """Return the pixels (H, W) whose true surface shows its back, which culling removes."""
+    """Return the pixels (H, W) whose true surface shows its back, and is removed by culling."""
     assert truth.normal is not None, "the reference gives normals"
     directions = true_lines(truth.camera).directions()
     with np.errstate(invalid="ignore"):
@@ -420,11 +421,11 @@ class ErrorMaps(ShortRepr):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PixelErrors(ShortRepr):
-    """Errors of an image without color: maps, and numbers of displacement and height."""
+    """Errors of an image except color: maps, and numbers of displacement and height."""
 
     truth: HogelImage
     raster: HogelImage
-    #: like the next three, a mask of `ErrorMaps`
+    #: judged, surface, outside, triangle: the masks of `ErrorMaps`
     judged: Mask
     surface: Mask | None
     outside: Mask | None
@@ -459,8 +460,8 @@ def pixel_errors(
 ) -> PixelErrors:
     """Return the errors of an image.
 
-    `cached_errors` belong to another image by the same truth; pixels that show the same in both
-    images are not judged again.
+    `cached_errors` belong to another image by the same truth; pixels that are equal in both images
+    are not judged again.
     """
     if cached_errors is not None:
         return _updated_errors(truth, raster, reference, cached_errors)
@@ -489,7 +490,7 @@ def pixel_errors(
 def _updated_errors(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, cached: PixelErrors
 ) -> PixelErrors:
-    """Return the errors of an image, judged only where it differs from one with cached errors."""
+    """Return the errors of an image, judged only where it differs from the cached image."""
     pixels = differing_pixels(cached.raster, raster)
     if not pixels.size:
         return replace(cached, raster=raster)
@@ -550,8 +551,8 @@ def differing_pixels(first: HogelImage, second: HogelImage) -> Indices:
     """Return the flat numbers of the pixels at which two images show different things."""
     differs = (first.triangle != second.triangle) | (first.object != second.object)
     if first.position.dtype == second.position.dtype == np.float32:
-        # Compare bit by bit, because NaN must equal NaN here. Zeros of different sign are only
-        # judged again.
+        # Compare bit by bit, because NaN must equal NaN here. Zeros of different sign count as
+        # different, which only costs time.
         for axis in range(3):
             mine, its = (image.position[..., axis].view(np.int32) for image in (first, second))
             differs |= mine != its
@@ -608,7 +609,6 @@ def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
     """
     if only_here <= only_there:
         return False
-    # The upper tail of the binomial distribution, without the second that scipy.stats takes to
-    # load.
+    # The upper tail of the binomial distribution. Loading scipy.stats for it would take a second.
     by_chance = scipy.special.bdtrc(only_here - 1, only_here + only_there, 0.5)
     return bool(by_chance < (1 - CONFIDENCE) / comparisons)

@@ -38,8 +38,8 @@ ALPHA = 0.01
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """Viewing condition of FLIP: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m.
 
-It is valid for a picture on a screen; the picture of an aperture is not seen as a whole through a
-plate."""
+It is valid for a picture on a screen. Through a plate, a viewer does not see the picture of an
+aperture as a whole."""
 
 SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 """Standard deviation and width of the Gaussian window of SSIM (Wang et al., 2004)."""
@@ -56,21 +56,21 @@ class NoiseNumbers:
     """Numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
 
     A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is
-    the chance of a deviation as large as the largest one, if the picture is the limit of the
-    reference: exact for independent tests, an upper bound where they depend on each other, as
-    channels of a pixel do.
+    the probability of a largest deviation at least as large as measured, if the picture is the
+    limit of the reference. It is exact for independent tests, and an upper bound for dependent
+    tests, such as the channels of a pixel.
     """
 
     agrees: bool
-    #: pixels
+    #: number of pixels that differ
     differ: int
     alpha: float
-    #: pixels times channels
+    #: number of tests: pixels times channels
     tests: int
     p_value: float
     #: mean of picture minus reference over the tested pixels
     bias: float
-    #: one standard error of it, from the variances
+    #: standard error of `bias`, from the variances
     bias_error: float
 
 
@@ -139,18 +139,18 @@ class LeftOutNumbers:
 
     shadows: bool
     interreflection: bool
-    #: samples per pixel of one of the two truths
+    #: samples per pixel of each of the two truths, the smaller number
     light_paths: int
     #: number of pixels that change beyond noise
     pixels: int
-    #: numbers of these pixels, by the sign of the change of their channels' mean
+    #: numbers of changed pixels whose mean over channels decreases, and increases
     darker: int
     brighter: int
-    #: change of radiance over pixels and channels
+    #: mean change of radiance over pixels and channels
     mean: float
     mean_of_image: (
         float | None
-    )  #: over the mean radiance of the image without them; None if that is 0
+    )  #: `mean` over the mean radiance of the image without the effects; None if that is 0
     #: root mean square of the change, with the noise subtracted
     rms: float
     rms_noise: float
@@ -163,9 +163,9 @@ class LeftOut:
     """Effect of shadows and interreflection on an image."""
 
     numbers: LeftOutNumbers
-    #: the truth with them minus the truth without; samples of one truth
+    #: the truth with the effects minus the truth without; `samples` are of one truth
     difference: RadianceEstimate
-    #: the truth without them, (H, W, 3)
+    #: the truth without the effects, (H, W, 3)
     without: Floats
 
 
@@ -180,7 +180,7 @@ def transported(
 ) -> RadianceEstimate:
     """Return the color of an aperture, as `PathTracer.render` does, over its sub-apertures.
 
-    `done` is called after each.
+    `done` is called after each sub-aperture.
     """
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     tracer = PathTracer(scene)
@@ -241,7 +241,7 @@ class PerceptualDifference:
     flip: float
     ssim: (
         float | None
-    )  #: mean over picture and channels, 1 for equal; None if smaller than its window
+    )  #: mean over picture and channels, 1 if equal; None for pictures below the window's size
     #: (H, W) float32
     flip_map: Singles
 
@@ -278,8 +278,8 @@ class RadianceSpread:
     """Distribution of the radiance error over some pixels.
 
     Root mean square and mean are over the pixels' channels; the mean is signed, positive where the
-    raster is brighter. 99th percentile and maximum are over the pixels; the channel that is
-    farthest off counts.
+    raster is brighter. 99th percentile and maximum are over the pixels, each with its worst
+    channel.
     """
 
     pixels: int
@@ -313,8 +313,8 @@ class RadianceNumbers(RadianceSpread):
 
     away_from_edges: (
         RadianceSpread | None
-    )  #: over the pixels that the function of this name returns
-    #: None unless requested, like the next two
+    )  #: over the pixels that the function `away_from_edges` returns
+    #: flip, ssim and pixels_per_degree: None unless requested
     flip: float | None
     ssim: float | None
     pixels_per_degree: float | None
@@ -347,7 +347,7 @@ def compare_radiance(
     """Return the radiance error; None if an image has no color, or nothing is judged."""
     if truth.color is None or raster.color is None:
         return None
-    # A plane for each channel: along rows of three numbers, NumPy takes several times as long.
+    # Use a plane for each channel: NumPy is several times slower along rows of three numbers.
     planes = np.stack(
         [
             np.subtract(raster.color[..., c], truth.color[..., c], dtype=np.float64).ravel()

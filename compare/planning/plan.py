@@ -47,11 +47,11 @@ from xfrustum.scenes.plate import (
 )
 from xfrustum.tolerances import MAX_WRONG
 
-#: largest number of samples: a further sample is drawn only after one that disproved a plan
+#: largest number of samples: another sample is drawn only if the last sample disproved the plan
 MAX_SAMPLES = 3
 
-#: Confidence of the bound of each sample, chosen so that all hold together: samples are independent
-#: (Sidak 1967).
+#: Confidence of the bound of each sample, chosen so that all bounds together have `CONFIDENCE`:
+#: samples are independent (Sidak 1967).
 EACH = CONFIDENCE ** (1 / MAX_SAMPLES)
 
 #: number of worst scanned apertures for the first plan
@@ -68,7 +68,7 @@ MAX_ROUNDS = 8
 #: largest number of apertures that a result lists
 MAX_LISTED_APERTURES = 100
 
-#: largest number of depth buffers to choose from that are all compared
+#: Largest number of choices of a depth buffer at which all are compared
 MAX_COMPARED = 5
 
 Index = tuple[int, int]
@@ -97,7 +97,7 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PlateResult:
-    """Measures of a plan all over the plate; counts are of hogels."""
+    """Measures of a plan all over the plate; integers count hogels."""
 
     hogels: int
     #: hogels that were scanned
@@ -119,7 +119,7 @@ class PlateResult:
     share_beyond_at_most: float = 1.0
     #: probability that the bound holds; 1 where every hogel was measured
     confidence: float = 1.0
-    #: at most `MAX_LISTED_APERTURES`
+    #: the infeasible hogels, at most `MAX_LISTED_APERTURES`
     infeasible_apertures: tuple[Index, ...]
 
     @property
@@ -130,10 +130,10 @@ class PlateResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """Settings that keep a requirement, and the measures of how well; lengths in scene units.
+    """Settings that keep a requirement, and their predicted and measured errors, scene units.
 
-    Without a plan `near`, predictions and measures are None; so is the depth buffer where there
-    was a choice.
+    Without a plan, `near`, predictions and measures are None. The depth buffer is then None as
+    well, unless the requirement allows only one.
     """
 
     requirement: Requirement
@@ -150,9 +150,9 @@ class Plan:
     #: None for a plan of some apertures
     plate: PlateResult | None = None
     limits: Limits | None = None
-    #: search that led to it; None if none was made
+    #: result of the search for the plan; None without a search
     outcome: Outcome | None = None
-    #: name of the model of the device that measured it
+    #: name of the model of the device on which the plan was measured
     device_model: str | None = None
 
     @property
@@ -168,8 +168,8 @@ class Plan:
 def predicted_plan(views: Views, requirement: Requirement) -> Plan:
     """Return the plan predicted by closed forms for some views.
 
-    Depth buffers are ordered by the fewest slabs, then by cost (depth that no fragment writes,
-    then fewer bytes), then by the largest margin.
+    Depth buffers are ordered by the fewest slabs, then by cost (no depth written by fragments, then
+    fewer bytes), then by the largest margin.
     """
     outcome = Search(views, requirement).best()
     if outcome.best is None:
@@ -207,7 +207,7 @@ def _smallest_near(frustum: Frustum) -> DoubleFrustum:
 
 
 def with_limits(made: Plan, views: Views, scan: PlateScan | None = None) -> Plan:
-    """Return a plan with the limits of near by pixels, depth buffers and eyes at its views."""
+    """Add the limits of near by pixels, depth buffers and eyes, at some views, to a plan."""
     buffers = made.requirement.buffers
     compared = [*(COMPARED_BUFFERS if len(buffers) > MAX_COMPARED else buffers)]
     if (settings := made.settings) is not None:
@@ -222,7 +222,7 @@ def plan_apertures(
     requirement: Requirement,
     done: Done = lambda hogels: None,
 ) -> Plan:
-    """Plan for some apertures of a scene, of which the worst counts, and measure the plan.
+    """Plan for the worst of some apertures of a scene, and measure the plan.
 
     `done` is called twice for each aperture. InputError without usable OpenGL.
     """
@@ -237,16 +237,17 @@ def plan_apertures(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateViews:
-    """Traced apertures of a plate that some near fits, and the apertures that none fits.
+    """Traced apertures of a plate with a possible near, and infeasible apertures without one.
 
-    An aperture that no near fits is either excluded before a sample is drawn, which then represents
-    all other hogels, or it belongs to a sample and counts in the sample's share.
+    An infeasible aperture is either excluded before a sample is drawn, or it belongs to a sample
+    and counts in the sample's share. A sample represents all hogels that are neither
+    traced nor excluded.
     """
 
     views: Views
-    #: apertures that the scan excludes, by its own film or by a trace of a suspected one
+    #: apertures excluded by the scan, or by the trace of an aperture that the scan suspected
     excluded: frozenset[Index]
-    #: hogels of samples
+    #: infeasible hogels of samples
     sampled: frozenset[Index] = frozenset()
 
     @property
@@ -267,7 +268,7 @@ class PlateViews:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlatePlanner:
-    """Planner for a scanned plate; `done` is called for each hogel that it makes."""
+    """Planner for a scanned plate; `done` is called for each traced or drawn hogel."""
 
     reference: Reference
     scan: PlateScan
@@ -288,7 +289,7 @@ class PlatePlanner:
             results = self._sampled(chosen, made.settings, sample)
             missed = [result.aperture for result in results if self.requirement.missed_by(result)]
             joining, infeasible = self._traced(missed)
-            # Keep these between samples: a later sample need not contain these hogels.
+            # Keep infeasible hogels: a later sample need not contain them.
             chosen = replace(chosen, sampled=chosen.sampled | infeasible)
             if not joining or last:
                 made = self._measured(made, chosen, results)
@@ -300,7 +301,7 @@ class PlatePlanner:
     def first_views(self) -> PlateViews:
         """Trace the middle, the worst apertures, and apertures with the farthest surfaces.
 
-        The next worst follow until a surface is visible through one of them.
+        If none of these apertures shows a surface, the next worst apertures are traced in turn.
         """
         scan, limit = self.scan, self.requirement.limit_px
         moved = scan.displacements(_smallest_near(self.reference.scene.frustum))
@@ -323,13 +324,13 @@ class PlatePlanner:
         return chosen
 
     def _joined(self, chosen: PlateViews, apertures: Sequence[Aperture]) -> PlateViews:
-        """Trace apertures that the scan suspects: they join, or are excluded."""
+        """Trace apertures that the scan suspects, and add them to the views or exclude them."""
         joining, infeasible = self._traced(apertures)
         views, excluded = chosen.views.joined(joining), chosen.excluded | infeasible
         return replace(chosen, views=views, excluded=excluded)
 
     def _traced(self, apertures: Sequence[Aperture]) -> tuple[tuple[View, ...], frozenset[Index]]:
-        """Trace apertures; return the views that some near fits, and the indices of the others.
+        """Trace apertures; return the feasible views, and the indices of infeasible apertures.
 
         Every trace is tested: the coarse film of a scan may miss a surface in the aperture.
         """

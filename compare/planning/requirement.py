@@ -1,7 +1,7 @@
 """Limits that a plan must keep: of pixels, of depth buffers, and of a viewer's eyes.
 
-Lengths of a plan have three digits, so that they are easy to read and type. Meshes that differ only
-by rounding, such as a refined mesh, then also have equal plans.
+Lengths of a plan have three digits, so that they are easy to read and type. Another advantage:
+meshes that differ only by rounding, such as a mesh and its refinement, have equal plans.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
 #: default separation of ordered sheets, share of the longest reach
 SEPARATION_PER_REACH = 1e-3
 
-#: Smallest near and cut, share of the longest reach: in sums with the reach, float32 would round a
-#: smaller n away.
+#: Smallest near and cut, share of the longest reach: float32 sums of a smaller near and the reach
+#: would equal the reach.
 SMALLEST_PER_REACH = 1e-8
 
 #: Names of visible effects of near: change of disparity, and the crack at the plate.
@@ -51,14 +51,14 @@ def depth_buffers(
 
 
 def round_number(index: int) -> float:
-    """Return a length of three digits; successive indices give successive ones, index 0 gives 1."""
+    """Return the length of three digits with an index: 1.00 for 0, 1.01 for 1, 0.999 for -1."""
     decade, place = divmod(index, 900)
     # Parse the digits instead of multiplying, to get the nearest float.
     return float(f"{100 + place}e{decade - 2}")
 
 
 def index_below(length: float, *, strictly: bool = False) -> int:
-    """Return the index of the largest length of three digits up to a positive one, or below it."""
+    """Return the index of the largest three-digit length that is at most, or below, a length."""
     decade = math.floor(math.log10(length))
     # Logarithms and quotients are rounded: begin above, then decrease.
     index = decade * 900 + int(length / float(f"1e{decade}") * 100) - 98
@@ -74,7 +74,7 @@ def indices_of(frustum: Frustum) -> tuple[int, int]:
 
 
 def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
-    """Return the largest index in low..high up to which a condition holds; None for none."""
+    """Return the largest index in low..high up to which a condition holds; None if it fails."""
     first_failure = bisect_left(
         range(low, high + 1), True, key=lambda index: not holds(round_number(index))
     )
@@ -92,13 +92,13 @@ def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Errors:
-    """Errors of settings at a hogel, or at the worst of several: measured, or predicted at most."""
+    """Measured errors, or predicted bounds, of settings at a hogel or at the worst of several."""
 
-    #: 0 where nothing is displaced, infinite where it is undefined
+    #: 0 without displacement, infinite where displacement is undefined
     displacement_p99_px: float
     #: share of judged pixels with the wrong surface
     surface_fraction: float
-    #: share with a wrong surface charged to depth, for the worst draw order
+    #: share of pixels with a wrong surface by depth, for the worst draw order
     depth_wrong: float
 
     def beyond(self, tolerance_px: float) -> bool:
@@ -107,16 +107,16 @@ class Errors:
 
 
 def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
-    """Return the worst of each error of some hogels, by the name of its field."""
+    """Return the largest value of each error over some hogels, by the name of its field."""
     some, names = list(results), (field.name for field in fields(Errors))
     return {name: max(getattr(errors, name) for errors in some) for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Quality(Errors):
-    """Errors at the worst of some apertures and of sheets at the farthest visible surface."""
+    """Errors at the worst of some apertures, also for sheets at the farthest visible surface."""
 
-    #: share of pixels that show the wrong one of two sheets a separation apart
+    #: share of pixels that show the wrong sheet, of two sheets a separation apart
     misordered: float
     #: smallest separation at which at most `MAX_MISORDERED_FRACTION` of the pixels are wrong, scene
     #: units; 0 if no two surfaces can be misordered
@@ -129,16 +129,16 @@ class NearLimit:
 
     #: `STEREO` or `CRACK`
     name: str
-    #: scene units, three digits; None if the effect is unnoticed at every near, 0 if at none
+    #: scene units, three digits; None if no near is noticed, 0 if every near is noticed
     largest_near: float | None
     #: arc seconds of disparity, or arc minutes of a crack's width
     allowed: float
-    #: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
+    #: `stereo acuity` for disparity; `acuity`, `pitch`, `pixel` or `diffraction` for a crack
     hidden_by: str
 
 
 def binding(limits: Iterable[NearLimit]) -> NearLimit | None:
-    """Return the limit with the smallest near; None if every near is unnoticed."""
+    """Return the limit with the smallest near; None if no near is noticed."""
     noticed = [limit for limit in limits if limit.largest_near is not None]
     return min(noticed, key=lambda limit: limit.largest_near or 0.0, default=None)
 
@@ -156,7 +156,7 @@ class ViewerRequirement:
     def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
         """Return amount, limit and masking cause of each visible effect of settings, by its name.
 
-        Disparity is left out where the scene's unit has no known length, the crack where no surface
+        Disparity is left out if the scene's unit has no known length, and the crack if no surface
         meets the plate.
         """
         effects = {}
@@ -178,7 +178,7 @@ class ViewerRequirement:
     def limits(self, settings: DoubleFrustum | None = None) -> tuple[NearLimit, ...]:
         """Return the largest unnoticed near of each effect, with the cuts and pivot of settings."""
         low, high = indices_of(self.display.frustum)
-        # Near must not exceed the first cut, or a number just below the reach.
+        # Near must not exceed the first cut; without cuts, it must be below the reach.
         cuts = () if settings is None else settings.slabs
         end = cuts[0] if cuts else round_number(high)
         usual = settings or DoubleFrustum(near=end)
@@ -269,7 +269,7 @@ class Requirement:
         return max(pixels["displacement_p99_px"], pixels["surface_fraction"], eyes)
 
     def excess(self, errors: Errors) -> float:
-        """Return the largest ratio of errors to their limits; infinite where one is undefined."""
+        """Return the largest ratio of an error to its limit; infinite if an error is undefined."""
         return max(self.ratios(errors).values())
 
     def missed_by(self, errors: Errors) -> bool:
@@ -289,25 +289,25 @@ class Requirement:
 class ViewZone:
     """Places along x and y, at a distance from the plate, to which films of hogels send rays.
 
-    Rays leave from the centers of hogels; from the edges of their cells they reach half a pitch
-    farther.
+    Rays leave from the centers of hogels. Rays from the edges of the hogels' cells would reach half
+    a pitch farther.
     """
 
-    #: from the plate, scene units
+    #: distance of the eyes from the plate, scene units
     distance: float
     #: x and y of eyes that see at least one hogel
     some: tuple[Interval, ...]
-    #: x and y of eyes that see every hogel; None for none
+    #: x and y of eyes that see every hogel; None if no place sees every hogel
     every: tuple[Interval, ...] | None
 
     @property
     def some_eyes_apart(self) -> float:
-        """Largest distance of two eyes that see some hogels, scene units; 0 for none."""
+        """Largest distance of two eyes that see some hogels, scene units; 0 if impossible."""
         return _eyes_within(self.some)
 
     @property
     def all_eyes_apart(self) -> float:
-        """Largest distance of two eyes that see every hogel, scene units; 0 for none."""
+        """Largest distance of two eyes that see every hogel, scene units; 0 if impossible."""
         return 0.0 if self.every is None else _eyes_within(self.every)
 
 
@@ -318,7 +318,10 @@ def _eyes_within(zone: Sequence[Interval]) -> float:
 
 
 def view_zone(scene: Scene, distance: float) -> ViewZone:
-    """Return the view zone of a plate at a distance; its ends are linear in aperture position."""
+    """Return the view zone of a plate at a distance, from two corners of the plate.
+
+    Film ends at the distance are linear in aperture position, and therefore extreme at the corners.
+    """
     columns, rows = scene.plate.hogels
     lows, highs = [], []
     for aperture in (scene.plate.aperture(0, 0), scene.plate.aperture(columns - 1, rows - 1)):
@@ -353,8 +356,8 @@ def with_viewer(
 ) -> Requirement:
     """Return a requirement with the limits of a viewer's eyes at a scanned plate.
 
-    Without a stated separation, the smallest separation that viewer or display resolves is
-    required. InputError for a length unit without a physical size, or for a surface behind the
+    Without a stated separation, the plan must order the smallest separation that viewer and display
+    resolve. InputError for a length unit without a physical size, or for a surface behind the
     viewer.
     """
     display, content = noticeable.Display.from_scene(scan.scene), seen_content(scan)

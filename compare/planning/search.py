@@ -1,14 +1,15 @@
 """Scan over numbers of cuts, with monotone searches for the cuts and for the near offset.
 
-With k cuts, the first cut, z1, is minimised: outside of z1 nothing is displaced, and within it
-displacement decreases with z1. Cuts are placed from the far end inward. The outermost slab ends at
-the reach, and its cut is as low as the separation at the farthest surface in the slab allows. A
-lower cut only helps the next slab, which then ends earlier and contains no farther surface. Each
-slab in turn is therefore made as deep as allowed, and no other k cuts have a smaller z1.
+With k cuts, the first cut, z1, is minimised: surfaces beyond z1 are not displaced, and surfaces
+before it are displaced less if z1 is smaller. Cuts are placed from the far end inward. The
+outermost slab ends at the reach, and its cut is as low as the separation at the farthest surface in
+the slab allows. A lower cut only helps the next slab: it ends earlier and contains no farther
+surface. Each slab in turn is therefore made as deep as allowed, and no other k cuts have a smaller
+z1.
 
 Displacement grows with n, and depth errors grow as n decreases. The planned near has the largest
-margin to both limits, for apertures that no scan has traced. The ranges of near allowed by pixels
-and by depth buffers are searched in the same way.
+margin to both limits, as a reserve for apertures that were not scanned. The ranges of near allowed
+by pixels and by depth buffers are searched in the same way.
 """
 
 import math
@@ -35,12 +36,12 @@ from xfrustum.compare.scout import CoarseView, PlateScan
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate import Camera, DepthFormat, DepthMapping, DoubleFrustum, Frustum
 
-#: Factor within which predicted and measured smallest separations agree: predictions must order
-#: sheets that are this many times closer than required.
+#: Factor within which predicted and measured smallest separations agree. A plan is therefore
+#: required to order, by prediction, sheets that are closer by this factor.
 SEPARATION_MARGIN = 2.0
 
 #: Ratio and number of the successive separations for which cuts are placed if gaps in the scene are
-#: narrower than the required separation: down to 1/4096 of it.
+#: narrower than the required separation. The last is 1/4096 of the required separation.
 TARGET_RATIO, MAX_TARGETS = 2.0**-0.5, 24
 
 #: mean number of lengths of three digits between a length and its half
@@ -51,12 +52,12 @@ MAX_CUTS = 16
 #: bytes of a depth value
 BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 
-#: Margin beyond which a larger margin has no benefit. Unscanned apertures need little of it: the
+#: Margin above which a larger margin has no benefit. Unscanned apertures need little margin: the
 #: worst of all 4,941 hogels of `beetle` is displaced 1.2 times as much as the worst of the 605
 #: scanned hogels.
 ENOUGH_MARGIN = 10.0
 
-#: The cheapest depth buffer, the most common, and the finest without depth written by fragments.
+#: The cheapest depth buffer, the most common one, and the finest that needs no fragment's depth
 COMPARED_BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -82,17 +83,17 @@ class Attempt:
 
     @property
     def holds(self) -> bool:
-        """Compliance with all limits."""
+        """True if all limits are kept."""
         return self.excess <= 1
 
     @property
     def missing(self) -> float:
-        """Excess, but at least the excess at which the margin suffices."""
+        """Excess, or the excess of a sufficient margin if that is larger."""
         return max(self.excess, 1 / ENOUGH_MARGIN)
 
     @property
     def price(self) -> tuple[bool, int]:
-        """Cost of the depth buffer: fragment-written depth disables the early test; then bytes."""
+        """Cost of the depth buffer: depth written by fragments (no early test), then bytes."""
         return self.settings.mapping in EXPRESSION_ROUNDINGS, BYTES[self.settings.depth]
 
 
@@ -102,7 +103,7 @@ class Outcome:
 
     #: whether some depth buffer resolves the required separation with some number of cuts
     able: bool
-    #: depth buffers that are valid with the fewest cuts
+    #: number of depth buffers that are valid with the fewest cuts
     holding: int = 0
     #: cheapest attempt with the largest margin
     best: Attempt | None = None
@@ -123,13 +124,13 @@ class Search:
         self._reaches = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
         self.judged = cache(self._judged)
         self._near_holds = cache(self._holds_in_closed_form)
-        # Offset cameras are traced without rounding: their traces serve every depth buffer.
+        # Offset cameras are traced without rounding, so that a trace serves every depth buffer.
         self._traced = cache(
             lambda near, slabs: views.traced_errors(DoubleFrustum(near=near, slabs=slabs))
         )
 
     def best(self) -> Outcome:
-        """Scan numbers of cuts upward, and return the best attempt with the fewest."""
+        """Try increasing numbers of cuts, and return the best attempt with the fewest cuts."""
         able = [
             buffer
             for buffer in self.requirement.buffers
@@ -216,7 +217,7 @@ class Search:
         return min(failures, key=lambda candidate: candidate.depth_excess)
 
     def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
-        """Return the attempt whose near is the largest that pixels and eyes allow."""
+        """Return the attempt with the largest near that pixels and eyes allow."""
 
         def judged(near: float) -> Attempt:
             return self.judged(_settings(buffer, near, heights))
@@ -227,9 +228,9 @@ class Search:
         )
         if index is None:
             return judged(round_number(self.lowest))
-        # Offset cameras cover more outside the film than the truth: rarely, a smaller near is
-        # needed. The search proceeds by octaves, because at much smaller nears depth is the only
-        # cause of wrong surfaces.
+        # The closed form neglects surfaces that only offset cameras show, because their films cover
+        # more. Rarely, a smaller near is therefore needed. The search proceeds by octaves, because
+        # at much smaller nears depth is the only cause of wrong surfaces.
         above = index
         while index > self.lowest and judged(round_number(index)).near_excess > 1:
             above, index = index, max(index - INDICES_PER_OCTAVE, self.lowest)
@@ -237,7 +238,7 @@ class Search:
         return judged(round_number(index if larger is None else larger))
 
     def _judged(self, settings: DoubleFrustum) -> Attempt:
-        """Return an attempt, with its offset cameras traced where closed forms hold."""
+        """Return an attempt; if closed forms accept it, its offset cameras are traced as well."""
         predicted = self._views.predicted(settings, self.separation)
         attempt = self._attempt(settings, predicted)
         if not attempt.holds or not self.requirement.pixels_count:
@@ -260,14 +261,14 @@ class Search:
     def _with_margin(self, largest: Attempt) -> Attempt:
         """Return the attempt with the largest near whose errors are a tenth of their limits.
 
-        If errors of depth then have a smaller margin, it is the near at which both margins are
-        equal. If only eyes limit near, it is unchanged, because their limits hold for all hogels,
-        scanned or not.
+        If errors of depth have a smaller margin there, return the attempt whose two margins are
+        equal. If only eyes limit near, return `largest`, because the limits of eyes hold for all
+        hogels, scanned or not.
         """
         if not self.requirement.pixels_count:
             return largest
         low, high, best = self.lowest, index_below(largest.settings.near), largest
-        # Displacement grows with near, and errors of depth fall with it: the interval is halved.
+        # Bisect: displacement grows with near, and errors of depth decrease.
         while low < high:
             middle = (low + high) // 2
             candidate = self.judged(replace(largest.settings, near=round_number(middle)))
@@ -311,7 +312,7 @@ class BufferLimit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limits:
-    """Ranges of near that each judge allows, by closed forms for one pair of frusta."""
+    """Ranges of near allowed by pixels, depth buffers and eyes, for one pair of frusta."""
 
     #: largest near within the tolerance at all views; None if every near exceeds it
     pixels: float | None
@@ -343,8 +344,8 @@ def near_limits(
 def buffer_limit(views: Views, requirement: Requirement, buffer: DepthBuffer) -> BufferLimit:
     """Return the smallest near with which a depth buffer meets the limits of depth.
 
-    Sheets at the farthest visible surface are ordered, and few pixels are wrong by depth, at all of
-    the views; both improve as near grows.
+    At all of the views, sheets at the farthest visible surface must be ordered, and few pixels may
+    be wrong by depth. Both improve as near grows.
     """
     low, high = indices_of(views.scene.frustum)
     allowed = requirement.separation_in(views.scene.frustum) / SEPARATION_MARGIN
@@ -363,10 +364,10 @@ def buffer_limit(views: Views, requirement: Requirement, buffer: DepthBuffer) ->
 
 
 def hogel_limits(scan: PlateScan, tolerance_px: float) -> Floats:
-    """Return (A,) the largest near of each scanned aperture by closed form, scene units.
+    """Return the largest near of each scanned aperture by closed form, (A,), scene units.
 
-    It keeps 99 % of the visible surface within the tolerance: 0 where a surface lies too close
-    to the aperture for any near, and NaN where nothing is visible.
+    At this near, 99 % of the visible surface is displaced within the tolerance. It is 0 if a
+    surface lies too close to the aperture for any near, and NaN if no surface is visible.
     """
 
     def largest(look: CoarseView) -> float:
@@ -381,7 +382,7 @@ def hogel_limits(scan: PlateScan, tolerance_px: float) -> Floats:
 
 
 def _largest_near(frustum: Frustum, holds: Callable[[DoubleFrustum], bool]) -> float:
-    """Return the largest near for which a condition holds; 0 where it never does."""
+    """Return the largest near for which a condition holds; 0 if it never holds."""
     low, high = indices_of(frustum)
     index = largest_index(low, high, lambda near: holds(DoubleFrustum(near=near)))
     return 0.0 if index is None else round_number(index)

@@ -1,13 +1,13 @@
 """Errors of settings at some apertures: predicted by closed forms, and measured.
 
-A plan is measured over the pixels of the drawn picture, which show other surfaces than the truth at
-contours. The closed form of displacement therefore assigns to each pixel of the truth the largest
-displacement of itself and its neighbors: a picture displaced by less than a pixel shows no other
-surface there. Surfaces that no pixel of the truth shows are found by tracing the offset cameras,
-which cover more to the side for |z| <= n.
+A plan is measured over the pixels of the drawn picture. At contours, the picture shows other
+surfaces than the truth. The closed form of displacement therefore assigns to each pixel of the
+truth the largest displacement of the pixel and its neighbors: a picture displaced by less than a
+pixel shows no other surface there. Surfaces that no pixel of the truth shows are covered by tracing
+the offset cameras, because the films of offset cameras are wider for |z| <= n.
 
 Pairs of sheets at the farthest visible surfaces measure depth resolution. The film of a camera is
-tiled with cells, each of which belongs to one pair of sheets. Each pair has cells all over the
+tiled with cells, and each cell belongs to one pair of sheets. Each pair has cells all over the
 film, and no cell occludes another, so that one picture shows all pairs of a camera.
 """
 
@@ -47,30 +47,31 @@ HEIGHT_TOLERANCE_RATIO = 1e-9
 
 #: width of a neighborhood in pixels: one pixel to each side
 NEIGHBORHOOD_PX = 3
-#: progress, called with a number of hogels
+#: function that reports progress, called with a number of hogels
 Done = Callable[[int], object]
 
-#: Ratio to the predicted separation of the ends between which the smallest one is bisected on a
-#: logarithmic scale, and number of halvings: they leave 2 log2(8) / 2^7 octaves, 3 %.
+#: The smallest ordered separation is bisected on a logarithmic scale, from the predicted separation
+#: divided by this ratio to the predicted separation times this ratio. Number of halvings: they
+#: leave 2 log2(8) / 2^7 octaves, 3 %.
 SEARCH_RATIO, SEARCH_HALVINGS = 8.0, 7
 
 #: Cells along each side of the film of sheets, and pixels along each side of a cell.
 CELLS, CELL_PIXELS = 32, 8
 
-#: Share of their height |z|, and least number of separations, over which the cells of a sheet are
-#: spread toward the plate, so that their depths round differently.
+#: Range of depths over which the cells of a sheet are spread toward the plate, so that depths round
+#: differently: a share of the height |z|, and at least a number of separations.
 SPREAD, SPREAD_SEPARATIONS = 0.02, 4.0
 
 
 def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> float:
-    """Return the 99th percentile of displacement that a drawn picture does not exceed, in pixels.
+    """Return an upper bound of the 99th percentile of displacement in a drawn picture, in pixels.
 
-    It is 0 where the truth shows no surface, and infinite if more than one pixel in a hundred shows
-    a surface in the aperture itself, whose displacement is large for every n.
+    It is 0 if the truth shows no surface. It is infinite if more than one pixel in a hundred shows
+    a surface in the aperture itself, because such a surface is displaced far for every n.
 
-    With zf the height that is drawn exactly, a surface at |z| is displaced by u n / (|z| + n) (1 -
-    |z| / zf) where it belongs (`displacements`), and where it is drawn by (1 + n / |z|) / (1 + n /
-    zf) times that.
+    Let zf be the height that is drawn exactly. At the place where a surface at |z| belongs, its
+    displacement is u n / (|z| + n) (1 - |z| / zf), see `displacements`. At the place where it is
+    drawn, it is (1 + n / |z|) / (1 + n / zf) times as much.
     """
     if not truth.covered.any():
         return 0.0
@@ -98,7 +99,7 @@ class View:
 
     @cached_property
     def seen(self) -> dict[Camera, Floats]:
-        """Heights |z| of all visible surfaces by the camera that sees them, ascending."""
+        """Heights |z| of all visible surfaces, ascending, by the camera that draws them."""
         height = np.sort(self.truth.height[self.truth.covered].astype(np.float64))
         return {Camera.C: -height[height <= 0][::-1], Camera.C_STAR: height[height > 0]}
 
@@ -108,7 +109,7 @@ class View:
         return depth.DepthLayers.from_truth(self.truth, self.gaps)
 
     def farthest(self, camera: Camera, low: float = 0.0, high: float = math.inf) -> float | None:
-        """Return the largest |z| visible to a camera between two heights; None for none."""
+        """Return the largest |z| visible to a camera between two heights; None without one."""
         seen = self.seen[camera]
         count = int(np.searchsorted(seen, high * (1 + HEIGHT_TOLERANCE_RATIO), side="right"))
         if not count or seen[count - 1] < low * (1 - HEIGHT_TOLERANCE_RATIO):
@@ -118,7 +119,7 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Views:
-    """True images of some apertures of a scene, and errors that are predicted of settings."""
+    """True images of some apertures of a scene, which predict the errors of settings."""
 
     reference: Reference
     views: tuple[View, ...]
@@ -142,7 +143,7 @@ class Views:
         return cls(reference=reference, views=tuple(views), device=device)
 
     def joined(self, views: Iterable[View]) -> Views:
-        """Return these views and additional ones."""
+        """Return these views and additional views."""
         return replace(self, views=(*self.views, *views))
 
     @property
@@ -151,11 +152,11 @@ class Views:
         return self.reference.scene
 
     def farthest(self, camera: Camera) -> float:
-        """Return the largest |z| visible to a camera from any aperture; 0 if nothing is visible."""
+        """Return the largest |z| visible to a camera from any aperture; 0 without a surface."""
         return max((view.farthest(camera) or 0.0 for view in self.views), default=0.0)
 
     def displaced(self, settings: DoubleFrustum, limit: float = math.inf) -> float:
-        """Return the largest `displacement_bound`, or the first one beyond a limit."""
+        """Return the largest `displacement_bound` of the views; stop at a bound beyond `limit`."""
         worst = 0.0
         for view in self.views:
             worst = max(worst, displacement_bound(view.truth, self.scene.frustum, settings))
@@ -164,7 +165,7 @@ class Views:
         return worst
 
     def traced_errors(self, settings: DoubleFrustum) -> tuple[float, float]:
-        """Return the worst displacement (px) and wrong share of cameras without rounding."""
+        """Return the worst displacement (px) and wrong share with cameras without rounding."""
         moved, wrong = [0.0], [0.0]
         for view in self.views:
             model = self.reference.trace_model(view.aperture, settings)
@@ -232,8 +233,8 @@ def hogel_results(
 ) -> Iterator[HogelResult]:
     """Draw hogels, and yield the errors of settings at each, in order; `truths` are known truths.
 
-    Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with
-    exact depth too.
+    Each hogel is also drawn with exact depth: pixels that are right there and wrong with the
+    settings are wrong by depth.
     """
     exact = with_exact_depth(settings)
     drawn = tuple(dict.fromkeys((settings, exact)))
@@ -262,7 +263,7 @@ def measured(
 ) -> tuple[list[HogelResult], Quality, str]:
     """Draw apertures and sheets; return each result, the worst, and the name of the device's model.
 
-    The smallest ordered separation is NaN unless `smallest`.
+    The smallest ordered separation is measured only if `smallest`, else it is NaN.
     """
     truths = {view.aperture: view.truth for view in views.views}
     with Evaluator(views.scene, reference=views.reference, model=requirement.device) as judge:
@@ -278,7 +279,7 @@ def measured(
 
 
 def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:
-    """Return the smallest separation of sheets that are ordered everywhere; infinite for none."""
+    """Return the smallest separation at which sheets are ordered in all views, else infinity."""
 
     def ordered(separation: float) -> bool:
         shares = (misordered(views.scene, view, settings, separation) for view in views.views)
@@ -306,11 +307,11 @@ class SheetPair:
     #: (N,) |z| of the farther sheet, for each of the pair's cells row by row
     heights: Floats
     separation: float
-    #: whether the sheet that must not show is drawn first
+    #: whether the sheet that must be hidden is drawn first
     loser_first: bool
 
     def objects(self, owned: Mask) -> list[SceneObject]:
-        """Return both sheets in drawing order: squares over the cells (n, n) owned."""
+        """Return both sheets in drawing order: squares over the cells that `owned` (n, n) marks."""
         (rows, columns), bundle, cells = np.nonzero(owned), self.camera.bundle, len(owned)
         at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
         u = 2 * (columns[:, None] + at[:, 1]) / cells - 1
@@ -336,9 +337,9 @@ class SheetFilm:
 
     scene: Scene
     aperture: Aperture
-    #: (H, W) number of the pair that each pixel belongs to
+    #: (H, W) number of the pair of sheets in each pixel
     pair: Indices
-    #: (H, W) number of the object that it must show
+    #: (H, W) number of the object that each pixel must show
     shown: Indices
 
     @classmethod
@@ -378,8 +379,8 @@ class SheetFilm:
 def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: float) -> float:
     """Return the largest wrong share of sheets at the farthest surface of every camera and slab.
 
-    It counts pixels in which the wrong sheet shows, or none; 0 where no slab has room for two
-    sheets. Each pair comes twice, the sheet that must not show drawn first and drawn last.
+    Pixels are wrong if they show the wrong sheet or no sheet. The share is 0 if no slab has room
+    for two sheets. Each pair is drawn twice: the sheet that must be hidden is first, then last.
     """
     worst = 0.0
     for orthoscopic, side in ((True, Camera.C), (False, Camera.C_STAR)):
@@ -393,8 +394,8 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
                 places += [(camera, ends, loser_first) for loser_first in (True, False)]
         if not places:
             continue
-        # Cells are assigned to the places at random, and have random heights between a place's
-        # ends.
+        # Cells are assigned to pairs at random, and have random heights between the ends of their
+        # pair.
         random = np.random.default_rng(1997)
         owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
         pairs = []

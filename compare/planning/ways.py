@@ -1,9 +1,9 @@
 """Two ways to draw a plate: by hogels with two cameras each, or by directions, all hogels at once.
 
-The time of a hogel is the same on every plate. A pass by directions processes the vertices once,
-and then each hogel, so that it is faster above some number of hogels (`WaySpeeds.crossover`). Its
-lines have no near plane, so that no surface is displaced, and wrong surfaces are only at edges that
-snapping moves.
+With two cameras, the time of a hogel is the same on every plate. A pass by directions processes the
+vertices once for all hogels, so that passes are faster above some number of hogels
+(`WaySpeeds.crossover`). Lines of a direction have no near plane, so that no surface is displaced,
+and wrong surfaces are only at edges that snapping moves.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from xfrustum.scenes.model.images import NOTHING, DirectionImage, PlateContent
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Aperture, DepthFormat, DoubleFrustum, Frustum, Plate, PlateTile
 
-#: Hogels along the longer side of two plates whose passes are timed: few, where vertices count, and
-#: many, where hogels do.
+#: Hogels along the longer side of two plates whose passes are timed: with few hogels, vertices take
+#: most of the time; with many, hogels do.
 FEW_HOGELS, MANY_HOGELS = 64, 512
-#: Passes, and hogels, of a timing: several submissions.
+#: Numbers of passes, and of hogels, that are timed together: enough for several submissions.
 TIMED_PASSES, TIMED_HOGELS = 8, 32
 #: Number of timings of each quantity; the smallest is used, because other load only adds time.
 TIMINGS = 4
-#: Largest side of a tile whose images are compared with the truth, hogels, and their number.
+#: Largest side, in hogels, of a tile whose images are compared with the truth; number of images.
 COMPARED_SIDE, COMPARED_PASSES = 96, 16
 
 
@@ -48,12 +48,12 @@ class PlateWay(StrEnum):
 
     @classmethod
     def from_settings(cls, settings: DoubleFrustum) -> PlateWay:
-        """Return the way of two cameras, with their frusta cut or whole."""
+        """Return the way with two cameras: with slabs if settings cut the frusta."""
         return cls.SLABS if settings.slabs else cls.TWO_CAMERAS
 
 
 def spread_pixels(frustum: Frustum, count: int) -> list[tuple[int, int]]:
-    """Return at most `count` pixels (column, row) of a hogel, spread evenly, the same each time."""
+    """Return at most `count` pixels (column, row) of a hogel, spread evenly, without randomness."""
     width, height = frustum.resolution
     if width * height <= count:
         return [(column, row) for row in range(height) for column in range(width)]
@@ -68,13 +68,13 @@ def spread_pixels(frustum: Frustum, count: int) -> list[tuple[int, int]]:
 class WaySpeeds:
     """Seconds that both ways to draw a plate take, measured on one machine for one scene."""
 
-    pixels: int  #: pixels of a hogel, each a pass by directions
+    pixels: int  #: pixels of a hogel; each pixel is a pass by directions
     pass_s: float  #: seconds of a pass without any hogel: vertices and calls
-    cell_s: float  #: seconds that a pass takes for each hogel
-    hogel_s: float  #: seconds of a hogel by two cameras, many at once
+    cell_s: float  #: additional seconds of a pass for each hogel
+    hogel_s: float  #: seconds of a hogel by two cameras, if many hogels are drawn together
 
     def directions_s(self, hogels: int, tiles: int = 1) -> float:
-        """Return the predicted seconds of a plate by directions, drawn in some tiles."""
+        """Return the predicted seconds of a plate by directions, drawn in `tiles` tiles."""
         return self.pixels * (tiles * self.pass_s + hogels * self.cell_s)
 
     def hogels_s(self, hogels: int) -> float:
@@ -83,16 +83,16 @@ class WaySpeeds:
 
     @property
     def crossover(self) -> float:
-        """Hogels from which a plate in one tile is faster by directions; infinite if never."""
+        """Number of hogels above which directions are faster, in one tile; infinite if never."""
         # W H (pass + N cell) = N hogel
         gained = self.hogel_s - self.pixels * self.cell_s
         return self.pixels * self.pass_s / gained if gained > 0 else math.inf
 
 
 def _seconds(runs: Sequence[Callable[[], Iterable[object]]]) -> list[float]:
-    """Return the least seconds of exhausting each iterable; the first time warms up.
+    """Return the shortest time, s, of iterating over each run; the first round only warms up.
 
-    All take turns, so that other load slows all of them down.
+    Runs take turns, so that other load slows down all of them.
     """
     taken: list[list[float]] = [[] for _ in runs]
     for _ in range(TIMINGS + 1):
@@ -104,7 +104,7 @@ def _seconds(runs: Sequence[Callable[[], Iterable[object]]]) -> list[float]:
 
 
 def with_hogels(scene: Scene, longest: int) -> Scene:
-    """Return a scene whose plate has the same size, and some hogels along its longer side."""
+    """Return a scene whose plate has the same size, and `longest` hogels along its longer side."""
     columns, rows = (
         max(1, round(longest * side / max(scene.plate.size))) for side in scene.plate.size
     )
@@ -113,7 +113,7 @@ def with_hogels(scene: Scene, longest: int) -> Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class TimedPlate:
-    """Parts of a plate that are timed for the whole: some passes, and some hogels all over it."""
+    """Parts of a plate that are timed: some passes, and some hogels spread over the plate."""
 
     scene: Scene
     content: PlateContent
@@ -145,10 +145,10 @@ class TimedPlate:
 
 @dataclass(frozen=True, kw_only=True)
 class PlateTimes:
-    """Seconds of a whole plate from a part of it, and the speeds that predict them."""
+    """Seconds of a whole plate, extrapolated from a part, and the speeds for other plates."""
 
     directions_s: float
-    hogels_s: tuple[float, ...]  #: by each setting of two cameras
+    hogels_s: tuple[float, ...]  #: seconds by hogels, for each setting of two cameras
     speeds: WaySpeeds
 
 
@@ -158,8 +158,9 @@ def measure_plate(
     """Return the seconds of a plate by directions, and by hogels with each setting, and speeds.
 
     Passes are also timed over two plates of the scene's size, of few hogels and of many: a straight
-    line through both predicts the passes over all other plates, and the first setting the hogels.
-    InputError where the scene cannot be drawn by directions, or there is no usable OpenGL.
+    line through both times predicts passes over other plates. The time by the first setting
+    predicts hogels. InputError if the scene cannot be drawn by directions, or without usable
+    OpenGL.
     """
     plates = [with_hogels(scene, longest) for longest in (FEW_HOGELS, MANY_HOGELS)]
     timed = [TimedPlate(scene=each, content=content) for each in (*plates, scene)]
@@ -214,7 +215,7 @@ def direction_errors(
 ) -> DirectionErrors:
     """Draw and trace some pixels of all hogels of a tile, and count the wrong surfaces.
 
-    InputError where the scene cannot be drawn by directions, or there is no usable OpenGL.
+    InputError if the scene cannot be drawn by directions, or without usable OpenGL.
     """
     scene, requested, judged, wrong = reference.scene, list(pixels), 0, 0
     content = PlateContent(ids=True, effects=needed(scene) & CAMERAS)
@@ -233,12 +234,12 @@ def direction_errors(
 
 
 def _wrong_surfaces(truth: DirectionImage, drawn: Numbers, scene: Scene, corners: Indices) -> Mask:
-    """Return the pixels with another object, or a part of the same object that is hidden there.
+    """Return the pixels with another object, or with a hidden part of the same object.
 
-    Triangles with a corner in common take over each other's pixels where snapping moves their edge,
-    and the drawn point is visible; all others of the same object count as hidden, which bounds
-    their number from above. `corners` are numbers of points by triangle, the same number for equal
-    points.
+    If true and drawn triangle share a corner, snapping may have moved their edge, and the drawn
+    point counts as visible. All other triangles of the same object count as hidden, so that the
+    number of wrong pixels is an upper bound. `corners` are numbers of the points of each triangle;
+    equal points have equal numbers.
     """
     wrong: Mask = (truth.triangle == NOTHING) != (drawn == NOTHING)
     both = np.nonzero((truth.triangle != drawn) & ~wrong)
