@@ -41,7 +41,7 @@ Result = TypeVar("Result")
 NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
 
 IMAGES_PER_THREAD = 4
-"""Images in memory for each judging thread: enough that no thread waits for an image."""
+"""Images in memory for each judging thread, enough for threads not to wait for images."""
 
 MAX_CONCURRENT_PIXELS = 1 << 23
 """Largest number of pixels of all images in memory, unless two images have more.
@@ -50,7 +50,7 @@ An image with its truth and error maps takes about 240 bytes per pixel, 2 GB in 
 
 
 def images_under_way(pixels: int) -> int:
-    """Return the largest number of images in memory that are not yet yielded."""
+    """Return the largest number of images, of `pixels` each, in memory and not yet yielded."""
     return max(2, min(IMAGES_PER_THREAD * worker_count(), MAX_CONCURRENT_PIXELS // pixels))
 
 
@@ -74,7 +74,7 @@ class FrameRequest:
     """Measures of frames in addition to geometry."""
 
     color: bool = False  #: color of frames
-    colored_truths: bool = True  #: color of truths, where frames have color
+    colored_truths: bool = True  #: color of truths, if frames have color
     radiance: bool = False  #: comparison of colors; see `compare_images`
     perceptual: bool = False  #: FLIP and SSIM
     causes: bool = False  #: predicted errors, and wrong pixels charged to causes
@@ -94,14 +94,14 @@ class StageTimes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedFrame:
-    """A frame with all its measures."""
+    """A frame and its measures."""
 
     aperture: Aperture
     truth: HogelImage
     settings: DoubleFrustum
     image: HogelImage
     comparison: Comparison
-    prediction: Prediction | None  #: None without causes, like `budget`
+    prediction: Prediction | None  #: prediction and budget: None if causes are not requested
     budget: Budget | None
     times: StageTimes
     gpu_s: float  #: part of `times.raster` in which the device drew, by its own clock
@@ -116,8 +116,8 @@ class JudgedDrawing(ShortRepr):
     image: HogelImage | None
     causes: (
         tuple[Cause, ...] | None
-    )  #: effect of each link; None without causes, like the next two fields
-    unexplained: int | None  #: wrong pixels charged to rounding, without an explanation
+    )  #: causes, unexplained, predicted: None if causes are not requested; effect of each link
+    unexplained: int | None  #: number of wrong pixels that rounding should explain, and does not
     predicted: Prediction | None  #: predicted error in closed form
     times: StageTimes
 
@@ -148,9 +148,10 @@ class JudgedHogel(ShortRepr):
 class Evaluator:
     """Reference and rasterizer of one scene: drawn hogels are judged by traced truths.
 
-    A context manager for one thread; leaving it frees the rasterizer. `tracer` has no effect if a
-    reference is given. `effects` None: the effects that the scene needs. `model` None: the known
-    model of the OpenGL device. Raises InputError for an unknown tracer, or without usable OpenGL.
+    An evaluator is a context manager for one thread; leaving the context frees the rasterizer.
+    `tracer` has no effect if a reference is given. `effects` None: the effects that the scene
+    needs. `model` None: the known model of the OpenGL device. Raises InputError for an unknown
+    tracer, or without usable OpenGL.
     """
 
     def __init__(
@@ -188,7 +189,7 @@ class Evaluator:
 
     @property
     def model(self) -> DeviceModel:
-        """Rounding model of the device that draws, which explains pixels."""
+        """Rounding model of the drawing device; it explains pixels."""
         return self.rasterizer.model
 
     @property
@@ -319,7 +320,7 @@ class Evaluator:
     def _drawn(
         self, truth: _Truth, groups: CameraGroups, request: FrameRequest
     ) -> Iterator[tuple[Frames, tuple[HogelImage, ...]]]:
-        """Yield the frames of a hogel by cameras, for causes with the chain up to R0."""
+        """Yield the frames of a hogel by cameras, with images T0 to R0 if causes are requested."""
         for of_near in groups:
             # Cameras with the same near share some traced models.
             traced: dict[DoubleFrustum, HogelImage] = {}
@@ -370,8 +371,8 @@ class FrameImages:
 
     truth: _Truth
     frames: Frames
-    start: tuple[HogelImage, ...]  #: T0 to R0, for causes; empty without causes
-    predictor: Predictor | None  #: closed forms of the hogel; None without causes
+    start: tuple[HogelImage, ...]  #: images T0 to R0; empty if causes are not requested
+    predictor: Predictor | None  #: closed forms of the hogel; None if causes are not requested
 
 
 def judge_frames(
@@ -397,7 +398,8 @@ def judge_frames(
             perceptual=request.perceptual,
             cached_errors=cached,
         )
-        # Without causes the first frame replaces R0: other frames differ from it at few pixels.
+        # Without causes there is no R0: use the first frame, from which others differ at few
+        # pixels.
         cached = cached or comparison.errors
         compared = time.perf_counter()
         prediction, budget, causes_s = None, None, 0.0

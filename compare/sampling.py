@@ -9,11 +9,11 @@ trials whose probabilities have the mean p. The lower tail of this sum is lighte
 tail (Hoeffding 1956): if P(binomial <= c) <= alpha < 1/4, then P(number <= c) <= P(binomial <= c).
 Hence the bound of Clopper and Pearson is conservative, also for simple random samples without
 replacement (Hoeffding 1963). The theorem excludes samples in which all hogels but one have the
-property; no bound is claimed there. Runs of unequal length differ by one hogel, which
-`share_beyond` takes into account.
+property; no bound is claimed there. The lengths of runs differ by at most one hogel, and
+`share_beyond` accounts for this difference.
 
 **Growing samples.** Each further sample has twice as many hogels: every run is halved, one half
-contains the sampled hogel, and a hogel is drawn from the other half. So each sample again has one
+contains the sampled hogel, and another hogel is drawn from the other half. Each sample thus has one
 uniform and independent hogel from each run.
 """
 
@@ -64,7 +64,7 @@ class PathApertures(Sequence[Aperture]):
 
 
 def places_of(chosen: Mask) -> Indices:
-    """Return the places on the path of hogels (rows, columns), in ascending order."""
+    """Return the places on the path of the hogels that a mask (rows, columns) marks, ascending."""
     path = chosen.copy()
     path[1::2] = chosen[1::2, ::-1]
     return np.flatnonzero(path)
@@ -99,7 +99,7 @@ class RandomSample:
 def sample_hogels(
     plate: Plate, sample: RandomSample, without: Sequence[Aperture]
 ) -> list[Aperture]:
-    """Draw one hogel from each equal run of the path, without excluded apertures."""
+    """Divide the path, without the apertures `without`, into equal runs; draw a hogel from each."""
     taken = [place_of(plate, aperture) for aperture in without]
     path = np.setdiff1d(np.arange(math.prod(plate.hogels)), np.array(taken, dtype=np.int64))
     random = np.random.default_rng(sample.seed)
@@ -121,7 +121,7 @@ class GrowingSample:
 
     @property
     def looks(self) -> int:
-        """Number of samples until all hogels are sampled."""
+        """Number of nested samples; the last contains all hogels."""
         return 1 + math.ceil(math.log2(self.hogels / self.first))
 
     def places(self, look: int) -> Indices:
@@ -138,7 +138,7 @@ class GrowingSample:
         return places
 
     def new_places(self, look: int) -> Indices:
-        """Return the elements of `places` that the previous sample lacks."""
+        """Return the elements of `places` that are not in the previous sample."""
         places = self.places(look)
         return np.setdiff1d(places, self.places(look - 1), assume_unique=True) if look else places
 
@@ -156,8 +156,8 @@ def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFID
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
         return possible
-    # Runs longer than the mean run may consist of hogels with the property: the plate's share is
-    # then larger than the mean share of the runs, by at most this factor.
+    # If only the longest runs consist of hogels with the property, the plate's share is larger than
+    # the mean share of the runs, by at most this factor.
     longest = math.ceil(hogels / judged) * judged / hogels
     return min(possible, longest * share_at_most(beyond, judged, 1 - risk))
 
@@ -172,17 +172,17 @@ def share_beyond_at_least(
 def risk_of_claim(settings: int = 1, look: int | None = None) -> float:
     """Return the error probability of a single bound, so that all bounds hold together.
 
-    Settings share the risk equally (Bonferroni). Looks share it in the parts 1/2, 1/6, 1/12, ..
-    1/(k (k + 1)), which add up to one: all bounds hold together, wherever the survey stops (the
-    union bound, which needs no independence). `look` is 0 for the first look, None for a single
-    sample.
+    Settings share the risk equally (Bonferroni). Looks (successive samples) share it in the parts
+    1/2, 1/6, 1/12, .. 1/(k (k + 1)), which add up to one: all bounds hold together, wherever the
+    survey stops. This is the union bound, and needs no independence. `look` is 0 for the first
+    look, None for a single sample.
     """
     risk = (1 - CONFIDENCE) / settings
     return risk if look is None else risk / ((look + 1) * (look + 2))
 
 
 def clean_sample(share: float, hogels: int, risk: float) -> int:
-    """Return the smallest first sample that bounds the share if no sampled hogel is beyond."""
+    """Return the smallest sample that proves a share if no sampled hogel is beyond the limits."""
     if share <= 0:
         return hogels
     size = min(hogels, max(1, math.floor(math.log(risk) / math.log1p(-min(share, 1 - 1e-9)))))
@@ -215,9 +215,9 @@ class SampleRequest:
 class PlateSample:
     """Hogels to judge: a whole population, or samples that grow from look to look."""
 
-    hogels: int  #: hogels of the plate
-    population: Indices | range  #: places on the path of `aperture_at`; other hogels show nothing
-    growing: GrowingSample | None  #: samples of the population; None for all of it
+    hogels: int  #: number of hogels of the plate
+    population: Indices | range  #: places on the path of `aperture_at`; other hogels are empty
+    growing: GrowingSample | None  #: samples of the population; None for the whole population
     until: float | None  #: share of the plate at which growing samples stop
     claims: int = 1  #: number of settings, each with a bound; all bounds hold together
 
@@ -267,7 +267,7 @@ class PlateSample:
         if self.growing is not None:
             chosen = np.asarray(self.population)[self.growing.new_places(look)]
             return chosen.tolist()  # type: ignore[no-any-return]
-        # Keep a range as it costs no memory: plates have millions of hogels.
+        # Return a range unchanged: plates have millions of hogels, and a range needs no memory.
         return self.population if isinstance(self.population, range) else self.population.tolist()
 
     def extent(self, judged: int, look: int = 0, *, complete: bool = True) -> SampleExtent:
@@ -314,8 +314,8 @@ class SampleExtent:
     def decides(self, beyond: int) -> bool:
         """Return whether the share is certainly within or certainly above the limit `until`.
 
-        Stopping above the limit costs no risk: only the upper bounds are claimed, and they hold at
-        all looks together.
+        Stopping above the limit adds no risk, because only the upper bounds are claimed, and they
+        hold at all looks together.
         """
         bound, limit = self.at_most(beyond), self.sample.until
         if limit is None or bound is None or self.everything or bound <= limit:

@@ -1,8 +1,8 @@
 """Scan of apertures all over a plate by coarse certified films, and the `auto` choice.
 
 The displacement by the near offset is (W/2) |u| n / (|z| + n). It depends on the *nearest visible*
-|z|, which differs between apertures by orders of magnitude even if their pictures hardly differ.
-So apertures are chosen by their visible content near the plate, not only by position
+|z|. This depth differs between apertures by orders of magnitude even if their pictures hardly
+differ. Apertures are therefore chosen by their visible content near the plate, not only by position
 (docs/method.md, "The plate").
 """
 
@@ -35,20 +35,20 @@ LATTICE_APERTURES = 400
 #: Largest number of scanned apertures, including neighbors of the worst.
 MAX_APERTURES = 1000
 
-#: Number of scanned apertures whose cells contain the vertices nearest to the plate: they show
-#: surfaces smaller than the lattice spacing.
+#: Number of apertures that are scanned because their cells contain the vertices nearest to the
+#: plate: surfaces there may be smaller than the lattice spacing.
 NEAREST_APERTURES = 200
 
 #: Smallest difference of heights of neighboring lines, relative to the larger height, that counts
 #: as an outline.
 OUTLINE_JUMP = 0.1
 
-REFINED_APERTURES = 16  #: number of worst apertures whose neighbors are scanned next
+REFINED_APERTURES = 16  #: number of worst apertures whose neighbors are scanned in each round
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CoarseView:
-    """Content of the coarse film of one aperture."""
+    """Surfaces that the coarse film of one aperture shows."""
 
     aperture: Aperture
     #: (h, w) heights of the first surfaces; NaN without a surface, 0 for a surface in the aperture
@@ -108,9 +108,9 @@ class CoarseView:
     def wrong_share(self, settings: DoubleFrustum, scene: Scene) -> float:
         """Return the estimated share of pixels at outlines with a wrong surface by displacement.
 
-        Displacements are radial. At an outline, the surfaces on both sides separate by the
-        difference of their displacements across the outline. Structures finer than the film are
-        missed.
+        Displacements are radial. At an outline, the surfaces on both sides separate or overlap by
+        the difference of their displacements across the outline. Structures finer than the coarse
+        film are missed.
         """
         moved = np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -126,7 +126,7 @@ class CoarseView:
         return share
 
     def _p99(self, moved: Floats) -> float:
-        """Return the percentile of displacements (h, w); a surface in the aperture is infinite."""
+        """Return the percentile of displacements (h, w), infinite for surfaces in the aperture."""
         seen = np.isfinite(self.height)
         if not seen.any():
             return 0.0
@@ -136,7 +136,7 @@ class CoarseView:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateScan:
-    """Coarse views of apertures all over a plate, in the order of rows and columns."""
+    """Coarse views of apertures all over a plate, row by row."""
 
     scene: Scene
     looks: tuple[CoarseView, ...]
@@ -168,8 +168,8 @@ class PlateScan:
 def nearest_cells(scene: Scene, count: int) -> list[tuple[int, int]]:
     """Return the hogels whose cells have vertices nearest to the plate, nearest first.
 
-    A triangle that does not cross the plate is nearest to the plate at a vertex. Vertices in the
-    plate come last, because no near draws their hogels correctly.
+    A triangle that does not cross the plate is nearest to the plate at a vertex. Hogels with
+    vertices in the plate itself come last, because no near draws them correctly.
     """
     places = scene.triangles.reshape(-1, 3)
     columns, rows = scene.plate.hogels
@@ -189,10 +189,9 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> P
     """Scan apertures all over the plate, more densely where the error is largest.
 
     The first lattice has about `LATTICE_APERTURES` apertures, always with the corners and the
-    middle. Apertures whose cells contain the vertices nearest to the plate follow
-    (`nearest_cells`). Then the neighbors of the worst apertures are scanned, at half the distance
-    each time, until no unscanned neighbor remains or `MAX_APERTURES` are reached. `done` is called
-    with 1 after each aperture.
+    middle. The apertures of `nearest_cells` follow. Then the neighbors of the worst apertures are
+    scanned, at half the distance each time, until no unscanned neighbor remains or `MAX_APERTURES`
+    are reached. `done` is called with 1 after each aperture.
     """
     # The cost is independent of the scene's resolution.
     frustum = replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS))
@@ -261,7 +260,7 @@ class ChosenAperture:
 class AutoApertures:
     """Apertures that `auto` chooses: the middle, then the worst by each criterion.
 
-    Further apertures would be as bad for the same reason.
+    Further apertures would show the same kinds of error.
     """
 
     scout: PlateScan
@@ -272,7 +271,7 @@ class AutoApertures:
 
     @property
     def apertures(self) -> tuple[Aperture, ...]:
-        """The apertures alone, in the order of `chosen`."""
+        """Only the apertures, in the order of `chosen`."""
         return tuple(choice.aperture for choice in self.chosen)
 
     @classmethod
@@ -284,7 +283,7 @@ class AutoApertures:
         criteria: dict[Aperture, list[Criterion]] = {}
         if not seeing or middle in seeing:
             criteria[middle] = [Criterion.MIDDLE]
-        # Prefer the middle among equally bad views: it is measured anyway.
+        # Among equally bad views, prefer the middle, which is chosen anyway.
         ordered = sorted(free or seeing.values(), key=lambda look: look.aperture != middle)
         if ordered:
             for look, criterion in (

@@ -1,4 +1,4 @@
-"""Wrong pixels charged to one link of the chain each, and every rounding explained."""
+"""Error budget: each wrong pixel is charged to a link of the chain, or explained by rounding."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.representation import ShortRepr
 
-#: value in a map of charges for pixels that are right in the end, or not judged
+#: value in a map of charges for pixels that are right in the last image, or not judged
 RIGHT = -1
 
 
 @dataclass(frozen=True, kw_only=True)
 class CauseNumbers:
-    """Effect of one link of the chain, measured and predicted; None if nothing is displaced."""
+    """Effect of one link of the chain, measured and predicted; None for an undefined number."""
 
     #: judged pixels charged to the link that show the wrong surface
     surface: int
@@ -37,7 +37,7 @@ class CauseNumbers:
     triangle: int
     displacement_rms_px: (
         float | None
-    )  #: displacement added, where every image shows a surface off the plate
+    )  #: displacement added where all images of the chain show a surface off the plate
     displacement_p99_px: float | None
     predicted_displacement_rms_px: float | None
     predicted_surface: float | None
@@ -64,7 +64,7 @@ class Cause(CauseNumbers, Named):
 
 @dataclass(frozen=True, kw_only=True)
 class LinkNumbers(Cause):
-    """A cause with the reasons of its predictions; `pixels` is `triangle` by its older name."""
+    """A cause, and the reasons against its predictions; `pixels` is an older name of `triangle`."""
 
     pixels: int
     prediction_reasons: Reasons
@@ -81,16 +81,16 @@ class BudgetNumbers:
     cancelled: int
     unexplained: int
     prediction_reasons: Reasons
-    #: name of the model by which rounding is explained
+    #: name of the device model that explains rounding
     device_model: str
 
 
 Size = tuple[float | None, float | None]
-"""Root mean square and 99th percentile of some lengths; None where there are none."""
+"""Root mean square and 99th percentile of some lengths; None without lengths."""
 
 
 def _size(steps: Floats | None, known: Mask) -> Size:
-    """Return the length (H, W) of steps at known pixels; None represents steps that are all 0."""
+    """Return the size of steps (H, W) at known pixels; None represents steps that are all 0."""
     if not known.any():
         return None, None
     # A link without effect has length zero wherever the other links are defined.
@@ -102,14 +102,14 @@ def _size(steps: Floats | None, known: Mask) -> Size:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ChainStart(ShortRepr):
-    """Images T0 to R0 of a chain, and the results that depend on them alone.
+    """Images T0 to R0 of a chain, and the results that depend only on these images.
 
-    Settings that differ only in their depth buffers share them.
+    Settings that differ only in their depth buffers share one start.
     """
 
     reference: Reference
     images: tuple[HogelImage, ...]
-    #: settings that drew R0
+    #: model of the device that drew R0
     device: DeviceModel
     #: (H, W) pixels whose truth is not a tie
     judged: Mask
@@ -119,13 +119,13 @@ class ChainStart(ShortRepr):
     exact_wrong: Mask
     #: (H, W) last link up to R0 that changes the triangle of a pixel, else `RIGHT`
     charge: NDArray[np.int8]
-    #: (H, W) last link that makes the surface of a pixel wrong, if it is wrong in R0, else `RIGHT`
+    #: (H, W) last link that makes the surface wrong, for pixels that are wrong in R0, else `RIGHT`
     surface_charge: NDArray[np.int8]
     #: displacement of each image in pixels, (2, H, W); equal images share one array
     shifts: tuple[Floats, ...]
-    #: (H, W) lengths that each link adds to displacement, pixels; None for links without effect
+    #: (H, W) lengths of the displacement that each link adds, pixels; None for links without effect
     steps: tuple[Floats | None, ...]
-    #: (H, W) pixels at which all these images show a surface off the plate
+    #: (H, W) pixels at which all images T0 to R0 show a surface off the plate
     known: Mask
     #: size of each of `steps` over the `known` pixels
     sizes: tuple[Size, ...]
@@ -140,7 +140,7 @@ class ChainStart(ShortRepr):
         truth, drawn = images[0], images[-1]
         exact = error_maps.pixel_errors(truth, drawn, reference)
         assert exact.surface is not None, "the reference has the scene at hand"
-        # Links without effect repeat their image. The first link is kept as a fallback for charges.
+        # Links without effect repeat their image.
         changing = [
             link for link, (before, after) in enumerate(pairwise(images)) if after is not before
         ]
@@ -149,8 +149,8 @@ class ChainStart(ShortRepr):
         for link in changing:
             charge[images[link].triangle != images[link + 1].triangle] = link
 
-        # Images hash by identity. A link without effect repeats its image, which has one array of
-        # shifts; the step of the link is None.
+        # Images hash by identity: repeated images share one array of shifts, and the step between
+        # them is None.
         shift_of: dict[HogelImage, Floats] = {drawn: exact.shift}
         for image in images[:-1]:
             if image not in shift_of:
@@ -188,7 +188,7 @@ class ChainStart(ShortRepr):
 
     @property
     def depth(self) -> int:
-        """Number of the link from R0 to R1; the link before it rasterizes."""
+        """Index of the depth link, from R0 to R1; the link before it is rasterization."""
         return len(self.images) - 1
 
 
@@ -196,7 +196,7 @@ def _surface_charge(
     reference: Reference, images: Sequence[HogelImage], wrong: Mask, changing: Sequence[int]
 ) -> NDArray[np.int8]:
     """Return the last link that makes the surface of each wrong pixel (H, W) of R0 wrong."""
-    # In the traced images, only pixels that are wrong in the end are judged. The truth is right
+    # In the traced images, only pixels that are wrong in R0 are judged. The truth is right
     # everywhere: the first link is charged unless a later image shows the right surface again.
     pixels = np.flatnonzero(wrong)
     truth = images[0].at(pixels)
@@ -217,16 +217,16 @@ class Budget(ShortRepr):
     start: ChainStart
     #: errors of the last image
     errors: error_maps.PixelErrors
-    #: (H, W) link that each wrong pixel is charged to, else `RIGHT`
+    #: (H, W) link to which each wrong pixel is charged, else `RIGHT`
     charge: NDArray[np.int8]
-    #: (H, W) link from which on each pixel shows a wrong surface, else `RIGHT`
+    #: (H, W) link to which each pixel with a wrong surface is charged, else `RIGHT`
     surface_charge: NDArray[np.int8]
     #: causes of the pixels charged to rasterization and depth
     explanation: Causes
     #: effect of each link, in the order of `links`
     causes: tuple[Cause, ...]
     predicted: tuple[LinkPrediction, ...]
-    #: reasons for which predictions do not hold
+    #: reasons why predictions are invalid
     reasons: Reasons
 
     @property
@@ -241,7 +241,7 @@ class Budget(ShortRepr):
 
     @property
     def wrong(self) -> int:
-        """Number of judged pixels that show another triangle in the end."""
+        """Number of judged pixels that show another triangle in the last image."""
         return int((self.charge != RIGHT).sum())
 
     @property
@@ -253,7 +253,7 @@ class Budget(ShortRepr):
     def numbers(self) -> BudgetNumbers:
         """Only the numbers, without the images."""
         counts = self.explanation.counts()
-        # Pixels that end right although some link changed them.
+        # Pixels that are right in the last image although some link changed them.
         cancelled = self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)
         links = tuple(
             LinkNumbers(**vars(cause), pixels=cause.triangle, prediction_reasons=link.reasons)
@@ -292,7 +292,7 @@ def charged(
     wrong = (drawn.triangle != start.truth.triangle) & start.judged
     by_depth = wrong & (drawn.triangle != exact.triangle)
     charge = np.where(wrong, np.where(by_depth, np.int8(depth), start.charge), np.int8(RIGHT))
-    # A wrong pixel that is right in R0 is charged to depth, for any images before R0.
+    # A wrong pixel that is right in R0 is charged to depth, whatever the images before R0 show.
     by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
     surface_charge = np.where(errors.surface, by_surface, np.int8(RIGHT))
     # Pixels that depth changed again after R0 are charged to depth, and explained there.
@@ -302,7 +302,7 @@ def charged(
     swapped = explain(start.reference.scene, exact, drawn, start.device, np.flatnonzero(by_depth))
 
     last, known, sizes = None, start.known, start.sizes
-    # Equal frames share their arrays: then the depth link adds nothing.
+    # R0 and R1 share their arrays if they are equal: then the depth link has no effect.
     if errors.shift is not start.exact.shift:
         last = np.hypot(*(errors.shift - start.exact.shift))
         known = start.known & np.isfinite(last)
@@ -340,7 +340,7 @@ def explain(
     device: DeviceModel,
     pixels: Indices | None = None,
 ) -> Causes:
-    """Find the causes of a change by rounding, at pixels (N,) or at all pixels that differ."""
+    """Find the causes of changes by rounding, at pixels (N,) or at all pixels that differ."""
     if pixels is None:
         pixels = np.flatnonzero(model.triangle != raster.triangle)
     cameras = drawing_cameras(scene, raster, device) if len(pixels) else []
@@ -348,7 +348,7 @@ def explain(
 
 
 def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> list[RoundingCamera]:
-    """Return the cameras that drew an image of our rasterizer, with their slabs."""
+    """Return the cameras of all slabs that drew an image of our rasterizer."""
     settings = raster.camera.settings
     assert settings is not None
     precision = Precision(device=device, depth=settings.depth, mapping=settings.mapping)

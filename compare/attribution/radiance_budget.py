@@ -1,8 +1,8 @@
 """The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
-In the chain's own links, from near offset to depth, the surface points of every image are shaded as
-the true frustum shows them. Each link then contains only the error of *showing another point*. The
-bend of the eye vector belongs to a point, not to a pixel, and is counted once:
+In the chain's own links, from near offset to depth, the surface points of every image are shaded
+along the lines of the true frustum. Each of these links then contains only the error of *showing
+another point*. The bend of the eye vector belongs to a point, not to a pixel, and is counted once:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
@@ -35,9 +35,9 @@ CLIPPING, OUTPUT = "clipping", "8-bit output"
 TRANSPORT, BAND_LIMITING, AVERAGING = "light transport", "band limiting", "averaging"
 """Names of links.
 
-`EYE_VECTOR` bends the eye vector to the camera that draws, at the drawn points. `SHADING` leaves
-double precision: the device interpolates normals, colors and texture coordinates, and evaluates the
-light model."""
+`EYE_VECTOR` directs the eye vector at the drawn points to the camera that drew them. `SHADING`
+replaces double precision: the device interpolates normals, colors and texture coordinates, and
+evaluates the light model."""
 
 MAX_CHAIN_PIXELS = 1 << 22
 """Largest number of pixels of each image of a chain: memory is some 500 bytes a pixel."""
@@ -47,13 +47,13 @@ MAX_CHAIN_PIXELS = 1 << 22
 class RadianceChange:
     """Change of linear radiance over a link or the whole chain; None without such pixels."""
 
-    #: over all judged pixels, as the next two fields
+    #: mean, rms and max: over all judged pixels
     mean: float | None
     rms: float | None
     max: float | None
     rms_same_triangle: (
         float | None
-    )  #: over those in which all images of the chain show the same triangle
+    )  #: over judged pixels at which all images of the chain show the same triangle
     max_same_triangle: float | None
 
 
@@ -87,12 +87,12 @@ class RadianceBudget(ShortRepr):
     judged: Mask
     #: (H, W) judged pixels that show the same triangle in all images of the chain
     same: Mask
-    #: by link that is measured against samples, their rms standard error
+    #: rms standard error of links that compare with sampled light, by name of the link
     errors: dict[str, float]
 
     @property
     def numbers(self) -> RadianceNumbers:
-        """Only the numbers, without the images."""
+        """The numbers without the images."""
 
         def sizes(change: Floats) -> tuple[float | None, float | None]:
             if not len(change):
@@ -123,9 +123,9 @@ class RadianceBudget(ShortRepr):
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     """Return the colors between the local links of a chain, (1 + links, H, W, 3) linear RGB.
 
-    The chain's images are sampled once per pixel: T0 to R1 shaded truly, R1 with the eye vector of
-    the camera that drew each point, R1 as the device shaded it. Each color is the mean over `side`
-    x `side` of their pixels.
+    The chain's images are sampled once per pixel: T0 to R1 shaded along true lines, R1 shaded with
+    the eye vector of the camera that drew each point, and R1 as the device shaded it. Each color is
+    the mean over `side` x `side` of their pixels.
     """
     shader, drawn = Shader(scene), chain.images[-1]
     if drawn.color is None:
@@ -139,8 +139,8 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
         return np.asarray(boxes.mean(axis=(1, 3))) if side > 1 else color
 
     def shaded(image: HogelImage, lines: Floats) -> Floats:
-        # A point in the plate lies on every line, the line of its pixel included.
-        # The line through the aperture and a point in the aperture is undefined.
+        # The line through the aperture and a point in the aperture is undefined: use the line of
+        # the pixel, which also meets the point.
         lines = np.where(np.isfinite(lines), lines, pixel_lines)
         return averaged(shader.picture(image.triangle, image.position.astype(np.float64), lines))
 
@@ -203,8 +203,8 @@ def averaged_colors(
 ) -> Floats:
     """Return `local_colors`, each the mean over the samples of pixels and aperture of a scene.
 
-    The device's own samples (multisample) are in the link from here to its image. Raises InputError
-    if a chain would have more than `MAX_CHAIN_PIXELS`.
+    The device's own samples (multisample) belong to the link from these colors to the device's
+    image. Raises InputError if a chain would have more than `MAX_CHAIN_PIXELS`.
     """
     side = points_per_side(scene.sampling)
     width, height = scene.frustum.resolution

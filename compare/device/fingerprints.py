@@ -24,18 +24,18 @@ LARGEST = {DepthFormat.D16: 2**16 - 1, DepthFormat.D24: 2**24 - 1}
 """The stored number that represents a depth of one."""
 
 MOST_SUBPIXEL_BITS, MOST_FILTER_BITS = 12, 12
-"""The finest grids of the search. Weights are odd multiples of 2^-13, which no coarser grid has."""
+"""The finest grids of the search. Exact filter weights are odd multiples of 2^-13, a finer grid."""
 
 FILTER_ROUNDINGS = 4
 """Roundings of 2^-24 in the weight of one of two filtered texels.
 
-One rounding each: the coordinate from 0 to 1, its product with the number of texels, the
-subtraction of one half, and the mean."""
+The coordinate from 0 to 1, its product with the number of texels, the subtraction of one half, and
+the mean are rounded once each."""
 
 PLANE_NOISE = 1.5
-"""Deviation from a plane, in roundings, above which the steps of the plane are rounded.
+"""Deviation from a plane, in roundings, above which the device rounds the steps of the plane.
 
-Measured were 1.01 (H100) and 2.00 (llvmpipe)."""
+The measured deviation is 1.01 on an H100 and 2.00 on llvmpipe."""
 
 LEAST_OF_PLANE = 20
 """Smallest number of pixels of a triangle to which a plane, with three unknowns, is fitted."""
@@ -55,10 +55,10 @@ TIES = ("left and bottom", "left and top", "right and bottom", "right and top")
 
 @dataclass(frozen=True, kw_only=True)
 class Within:
-    """Stored depths of a device between the bounds of a model."""
+    """Number of a device's values that lie between the bounds of a model."""
 
     pixels: int
-    #: number of depths between the bounds
+    #: number of values between the bounds
     within: int
     #: median ratio of the tolerances to the tolerances of an unmeasured device
     share_of_safe: float
@@ -102,14 +102,14 @@ class DeviceRecord:
 
 
 class Measured:
-    """Measurements of a device by its fingerprint."""
+    """Measurements from a device's fingerprint."""
 
     def __init__(self, fingerprint: Fingerprint) -> None:
         self.fingerprint = fingerprint
 
     @cached_property
     def model(self) -> DeviceModel:
-        """The model of the device by measurement alone."""
+        """The model of the device by measurement only."""
         fixed = {depth.value: self.stored_range(depth) for depth in FIXED}
         return DeviceModel(
             name=self.fingerprint.device["renderer"],
@@ -128,7 +128,7 @@ class Measured:
 
     @cached_property
     def subpixel_bits(self) -> int:
-        """Bits of the grid that explains coverage best, at most the reported bits."""
+        """Subpixel bits that explain coverage best, at most the bits that the device reports."""
         reported = min(int(self.fingerprint.device["subpixel_bits"]), MOST_SUBPIXEL_BITS)
         counts = {
             bits: min(self._differs(bits, NEAREST_EVEN).values()) for bits in range(reported + 1)
@@ -156,23 +156,23 @@ class Measured:
         from the pixels of the whole triangle. None if no triangle is cut.
         """
         whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
-        # Only triangles that extend beyond the window can be cut there.
+        # Only triangles that extend beyond the window can be cut.
         cut = self._reach[(whole != self.fingerprint.covered).any(axis=(1, 2))]
         return float(cut.min()) if len(cut) else None
 
     @cached_property
     def snaps_depth(self) -> bool:
-        """True if stored depths are nearer to planes through snapped corners than to others."""
+        """True if stored depths are nearer to planes through snapped than through exact corners."""
         off = [np.abs(self._off_planes(snapped=snapped)) for snapped in (False, True)]
-        # Medians, because slivers have errors of any size on both kinds of planes.
+        # Use medians, because slivers have errors of any size on both kinds of planes.
         return bool(np.median(off[1]) < np.median(off[0]))
 
     @cached_property
     def plane_noise(self) -> float:
-        """Median deviation of a triangle's depths from the plane fitted to them, in 2^-24.
+        """Median deviation of a triangle's depths from the plane fitted to them, in roundings.
 
-        With errors of corners and gradient, depths still form a plane, which the fit removes. The
-        variance of a rounding is a twelfth.
+        If corners and gradient have errors, depths still form a plane, and the fit removes it. A
+        rounding to multiples of 2^-24 has a variance of a twelfth of a unit squared.
         """
         which, points, stored = self._stored(DepthFormat.D32F, self._uncut)
         off, roundings = self._off_planes(snapped=self.snaps_depth), []
@@ -187,7 +187,7 @@ class Measured:
 
     @cached_property
     def filter_bits(self) -> int | None:
-        """Bits of the weights of a bilinear filter; None if they are finer than the search."""
+        """Bits of the weights of a bilinear filter; None for more than `MOST_FILTER_BITS`."""
         for bits in range(MOST_FILTER_BITS + 1):
             scaled = self.fingerprint.filtered.astype(np.float64) * 2.0**bits
             # Weights on a grid of 2^-bits are integers after scaling; the coarsest such grid
@@ -214,7 +214,7 @@ class Measured:
         return _ends(self._off_planes(snapped=self.snaps_depth, depth=depth))
 
     def varyings(self) -> dict[str, float]:
-        """Return the largest error of varyings that are equal at all corners, by interpolation."""
+        """Return, by interpolation mode, the largest error of varyings with three equal corners."""
         corners, fragment = self.fingerprint.varyings, self.fingerprint.fragment
         equal = (corners == corners[:, :1]).all(axis=(1, 2))
         shown = self.fingerprint.drawn & equal[:, None, None]
@@ -239,7 +239,7 @@ class Measured:
             model.stored(depth),
             safe_model(model.subpixel_bits),
         )
-        # The store in float32 is one more rounding.
+        # Storing in float32 is one more rounding.
         kept = FLOAT32_ROUNDING * np.abs(exact)
         tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
         safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
@@ -315,7 +315,7 @@ class Measured:
         from_zero = self.fingerprint.zero_to_one[:, None]
         w, z = corners[..., 3], corners[..., 2]
         value = np.where(from_zero, z, (z + w) / 2)
-        # The recorded clip coordinates are already float32 and include these roundings.
+        # The recorded clip coordinates are float32 numbers. Only clipping rounds them further.
         moved = CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * np.abs(corners)
         return Planes(
             vertices=corners[..., (0, 1, 3)],
@@ -336,14 +336,14 @@ class Measured:
     def _stored(self, depth: DepthFormat, where: Mask) -> tuple[Indices, Floats, Floats]:
         """Return triangle, film point and stored depth, 0 to 1, of pixels."""
         which, row, column = np.nonzero(where)
-        # Rows count up here.
+        # Rows of a fingerprint count upward.
         u, v = (2 * column + 1) / SIZE - 1, (2 * row + 1) / SIZE - 1
         stored = self.fingerprint.stored[depth][where].astype(np.float64) / LARGEST.get(depth, 1)
         return which, np.stack((u, v, np.ones(len(u))), axis=-1), stored
 
     @cached_property
     def _snapped(self) -> Planes:
-        """The planes through snapped corners."""
+        """Planes through snapped corners."""
         w, per_film = self._planes.vertices[..., 2:], SIZE / 2 * 2.0**self.subpixel_bits
         places = np.round(self._planes.vertices[..., :2] / w * per_film) / per_film
         return replace(self._planes, vertices=np.concatenate((places * w, w), axis=-1))
@@ -357,8 +357,8 @@ class Measured:
     def stored_range(self, depth: DepthFormat) -> Range:
         """Return the error range of stored float32 depths, to sixteenths of a step.
 
-        The range does not include the float32 rounding of the earlier product with the number of
-        steps.
+        Before a depth is stored, its product with the number of steps is rounded to float32. The
+        range excludes this rounding.
         """
         drawn, (wrote, kept) = self.fingerprint.drawn, self._written(depth)
         fragments = self.fingerprint.fragment[..., 0][drawn].astype(np.float64)
@@ -368,7 +368,7 @@ class Measured:
         )
         product = FLOAT32_ROUNDING * values * LARGEST[depth]
         low, high = float((off + product).min()), float((off - product).max())
-        # Rounded outward: the model must contain all measurements.
+        # Round outward, because the model must contain all measurements.
         sixteenths = np.ceil(np.array([-low, high]) / SIXTEENTH - 2.0**-10) * SIXTEENTH
         return min(-0.5, -float(sixteenths[0])), max(0.5, float(sixteenths[1]))
 
@@ -380,7 +380,7 @@ class Measured:
         )
 
     def _differs(self, bits: int, rounding: str) -> dict[str, int]:
-        """Return the number of wrong pixels by each tie rule, for corners snapped in one way.
+        """Return the number of wrong pixels by each tie rule, for one way of snapping corners.
 
         Triangles that extend beyond the window are left out: some devices cut them at the border.
         """
@@ -393,8 +393,8 @@ class Measured:
     def _covers(self, bits: int, rounding: str) -> dict[str, Mask]:
         """Return the covered pixels (E, 64, 64) by each tie rule for one way of snapping.
 
-        Places are multiples of a grid, and their products have at most 53 bits: the result is
-        exact.
+        Snapped corners are multiples of a grid step, and products of their coordinates have at most
+        53 bits: the result is exact.
         """
         corners, grid = self.fingerprint.edge_vertices[..., :2].astype(np.float64), 2.0**bits
         places = ROUNDED[rounding]((corners + 1) / 2 * SIZE * grid) / grid

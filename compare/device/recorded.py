@@ -29,15 +29,15 @@ from xfrustum.scenes.plate import Aperture, DoubleFrustum
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedFrame:
-    """One frame by its name, `scene|near/reach|depth|mapping|column,row`."""
+    """One frame, named `scene|near/reach|depth|mapping|column,row`."""
 
     name: str
-    #: (H, W) drawn numbers, `NOTHING` without a surface
+    #: (H, W) drawn triangle numbers, `NOTHING` without a surface
     triangle: Numbers
 
     @property
     def scene(self) -> str:
-        """The scene that was drawn."""
+        """Name of the drawn scene."""
         return self.name.split("|")[0]
 
     def question(self, scene: Scene) -> tuple[Aperture, DoubleFrustum]:
@@ -50,7 +50,7 @@ class RecordedFrame:
             raise InputError(
                 f"{self.name!r} names no frame; write scene|near/reach|depth|mapping|column,row"
             ) from error
-        # Checked by `DoubleFrustum`.
+        # `DoubleFrustum` checks these names.
         depth_buffer: Any = {"depth": depth, "mapping": mapping}
         settings = DoubleFrustum(near=near_of_scene, **depth_buffer)
         return scene.plate.aperture(column, row), settings
@@ -61,8 +61,8 @@ class Replayed:
     """Differences of recorded frames from exact cameras: the record of `device --replay --json`."""
 
     frames: int
-    #: number of pixels that differ from exact cameras; the next four numbers are its parts, by
-    #: cause
+    #: number of pixels that differ from exact cameras: the sum of `edge`, `order`, `lost` and
+    #: `unexplained`
     wrong: int
     edge: int
     order: int
@@ -70,14 +70,14 @@ class Replayed:
     unexplained: int
     #: name of the device that drew
     device: str
-    #: name of the model by which they were explained
+    #: name of the model that explained the pixels
     device_model: str
-    #: unexplained pixels by frame, for frames that have any
+    #: number of unexplained pixels by frame, for frames with unexplained pixels
     frames_unexplained: dict[str, int]
 
 
 class _Device(BaseModel):
-    """Names of the device that drew, in the form of a recording."""
+    """Names of the drawing device, as a recording stores them."""
 
     renderer: str
     version: str = ""
@@ -115,7 +115,7 @@ def replay(
 ) -> Replayed:
     """Explain recorded frames by a model, None for the model of their device.
 
-    `begun` is called with each frame.
+    `begun` is called with each frame before it is explained.
     """
     device, frames = recording
     model = model or model_of(device)
@@ -170,9 +170,9 @@ def recorded_image(
 ) -> HogelImage:
     """Return a frame as an image with its surface points (H, W, 3), NaN without surface.
 
-    A recording does not name the camera of a pixel. It was C*, which is drawn last, if C* projects
-    the triangle onto the pixel; otherwise it was the camera for which the pixel is least outside
-    the triangle.
+    A recording does not name the camera of a pixel. If C* projects the triangle onto the pixel, the
+    camera was C*, which is drawn last. Otherwise it was the camera for which the pixel is least
+    outside the triangle.
     """
     camera = replace(expected.camera, settings=frame.question(scene)[1])
     position = np.full((*frame.triangle.shape, 3), np.nan)
@@ -182,7 +182,7 @@ def recorded_image(
         expected, camera=camera, triangle=frame.triangle, object=objects, position=position
     )
     cameras = drawing_cameras(scene, image, model)
-    # Each pixel is evaluated for both cameras, as the recording names none.
+    # Evaluate each pixel for both cameras, because the recording does not name its camera.
     slots = np.arange(len(cameras) * len(rows))
     number = frame.triangle[rows, columns].astype(np.int64)
     drawn = PixelTriangles.from_pixels(scene.triangles, cameras, number, (columns, rows), slots)

@@ -25,8 +25,8 @@ from xfrustum.scenes.plate import Aperture, Fit, Frustum, Pivot
 # deviations are not reported as defects.
 SMALLEST_SHIFT_PX, SMALLEST_FACTOR = 0.05, 5e-4
 
-# Distance, as a fraction of the reach, at which offsets of apertures and scenes are converted to
-# pixels, to decide if they are large enough to be reported.
+# Offsets of apertures and scenes are converted to pixels at this distance, a fraction of the reach,
+# to decide whether they are large enough to be reported.
 TOLD_APART_PER_REACH = 0.1
 
 
@@ -88,7 +88,7 @@ def places(*groups: str) -> list[int]:
 
 
 def screen_lengths(scene: Scene) -> Floats:
-    """Return the shift of the film on the screen for one pixel to the right and down, (2,).
+    """Return the lengths on the screen, (2,), of a shift by one pixel to the right, and down.
 
     On a screen in front of the plate the film is mirrored in both axes.
     """
@@ -103,8 +103,8 @@ class Table:
     """Step sizes and limits of the search for each parameter, (P,) each."""
 
     smallest: Floats  # smallest deviation from nominal that is reported
-    scale: Floats  # a small step for the least squares
-    step: Floats  # for derivatives, small compared with reported deviations
+    scale: Floats  # scale of a small step of least squares
+    step: Floats  # step of finite differences, small compared with reported deviations
     low: Floats
     high: Floats
 
@@ -157,7 +157,7 @@ class Back(StrEnum):
 
 
 class Culled(StrEnum):
-    """Culled faces, by the winding order that the viewer sees."""
+    """Culled faces, by their winding order from the viewer's side."""
 
     NONE = "none"
     COUNTERCLOCKWISE = "counterclockwise"
@@ -175,8 +175,8 @@ class Normals(StrEnum):
 class Recentering(StrEnum):
     """Shear of the cameras of a recentered frustum; a centered frustum has none."""
 
-    # correct: both cameras have shear k, in opposite directions seen from the plate (paper, figure
-    # 6)
+    # correct: both cameras have shear k; seen from the plate, they are sheared in opposite
+    # directions (paper, figure 6)
     RIGHT = "right"
     NONE = "none"  # each aperture looks straight ahead, and the film keeps its extent
     C_STAR_REVERSED = "C*"  # C* has -k: it is sheared in the direction of C
@@ -195,7 +195,7 @@ class Recentering(StrEnum):
 class OneCamera:
     """The only camera that deviates from nominal; its film may be mirrored along either axis."""
 
-    # 1 for C, which draws surfaces behind the plate; -1 for C*, which draws those in front of it
+    # 1 for C, which draws surfaces behind the plate; -1 for C*, which draws surfaces before it
     side: int
     flip_x: bool = False
     flip_y: bool = False
@@ -207,11 +207,11 @@ FLIPPED = tuple(
     for side in (-1, 1)
     for x, y in ((True, True), (True, False), (False, True))
 )
-"""Models in which the film of one camera is mirrored; C* turned by 180 degrees comes first."""
+"""Cameras with a mirrored film, C* turned by 180 degrees first."""
 
 
 class Film(StrEnum):
-    """Spacing of pixels on a film: by equal tangents, which is correct, or by equal angles."""
+    """Spacing of pixels on a film: by equal tangents (correct), or by equal angles."""
 
     EVEN = "even"
     X = "x"  # equal angles along x, or y, or both
@@ -234,7 +234,7 @@ class Film(StrEnum):
         return x / tx, y / ty
 
     def directions(self, bundle: RayBundle) -> Floats:
-        """Return d (H, W, 3) of the line that each pixel samples; see `RayBundle.directions`."""
+        """Return the direction (H, W, 3) of each pixel's line; see `RayBundle.directions`."""
         if self is Film.EVEN:
             return bundle.directions()
         u, v = np.meshgrid(*((2 * np.arange(count) + 1) / count - 1 for count in bundle.resolution))
@@ -255,12 +255,12 @@ class RendererModel:
     order: Orientation = UPRIGHT
     #: sampling point in an upright image, px to the right and down from the pixel's center
     shift: tuple[float, float] = (0.0, 0.0)
-    #: ratios to the scene of the half-extents of the film, and of the aperture spacing, > 0
+    #: half-extents of the film, and aperture spacing, as ratios to the scene's, > 0
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: tuple[float, float] = (1.0, 1.0)
     #: offset of both cameras, >= 0; 0 for cameras in the aperture itself
     near: float = 0.0
-    #: offset of all apertures; a scene point p is drawn at scale p + offset
+    #: offset of all apertures; a scene point p is drawn at scene_scale p + scene_offset
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
@@ -272,8 +272,8 @@ class RendererModel:
     #: as in `DoubleFrustum`; without effect at near 0
     pivot: Pivot = Pivot.APERTURE
     fit: Fit = Fit.ANGLE
-    #: composition of the halves: surfaces that win, viewer's half drawn over the other, culled
-    #: faces
+    #: composition of the halves: winning surface of each half, whether the viewer's half is drawn
+    #: over the other, culled faces
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
@@ -291,13 +291,12 @@ class RendererModel:
     #: then others with the same image
     shows: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
     film: Film = EVEN
-    #: heights toward the viewer and behind the plate beyond which nothing is drawn; None for the
-    #: scene's
+    #: largest drawn distances before and behind the plate; None for the scene's reach
     reach: tuple[float, float] | None = None
 
     @property
     def plain(self) -> bool:
-        """True if all faces are drawn and the right surface and half win."""
+        """True if all faces are drawn, and the right surface wins in and between the halves."""
         first = self.back is Back.NEAREST and self.front is Front.FARTHEST
         return first and self.culled is Culled.NONE and self.overlaid
 
@@ -309,7 +308,7 @@ class RendererModel:
         return self.recentering.factor(1) == self.recentering.factor(-1)
 
     def camera(self, side: int) -> RendererModel:
-        """Return the model with shift, fov and near of C (side 1 or 0) or C* (side -1)."""
+        """Return the model with the shift, fov and near of C (side 1 or 0) or of C* (side -1)."""
         entry = self.one_camera
         if entry is None or entry.side == side:
             return self
@@ -323,7 +322,7 @@ class RendererModel:
         return np.concatenate([np.ravel(getattr(self, field_of(group))) for group in GROUPS])
 
     def with_parameters(self, values: Floats) -> RendererModel:
-        """Return the same model with other numbers (P,)."""
+        """Return the model with other numbers (P,)."""
         numbers = {field_of(group): tuple(map(float, values[places(group)])) for group in GROUPS}
         fields = {name: some if len(some) > 1 else some[0] for name, some in numbers.items()}
         return replace(self, **fields)  # type: ignore[arg-type]
@@ -334,7 +333,7 @@ class RendererModel:
         return -self.scene_offset[2] / self.scene_scale
 
     def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
-        """Return the aperture of the scene that is shown by the file of this aperture."""
+        """Return the scene's aperture whose image is in the file of `aperture`."""
         ordered = self.order.index(aperture.index, scene.plate.hogels)
         return scene.plate.aperture(*dict(self.shows).get(aperture.index, (ordered,))[0])
 

@@ -1,4 +1,4 @@
-"""Images of a renderer model: traced and certified as the truth is, then colored."""
+"""Images of a renderer model: traced and certified like the truth, then colored."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ COLOR_TOLERANCE = 2.3 / 255
 """Largest difference in linear radiance of two 8-bit pictures of one surface.
 
 Half an 8-bit step is 0.5/255 in linear values. In sRGB it is at most 1.14/255, at white, where the
-decoding curve is steepest (2.4/1.055). It counts twice: for the renderer's own rounding and for
-storing."""
+decoding curve is steepest (2.4/1.055). Half a step counts twice: for the renderer's own rounding
+and for storing."""
 
 # Smallest distance of triangle points from a camera's own plane, as a fraction of the reach: points
 # in this plane have no position on the film.
 CAMERA_DISTANCE_PER_REACH = 1e-6
 
-# Largest distance from a triangle at which a point counts as on it, as a fraction of the reach: a
-# million roundings of doubles. At a thousandth of the reach this is a thousandth of a pixel on a
-# film of 1000 pixels.
+# Largest distance from a triangle at which a point counts as on the triangle, as a fraction of the
+# reach: a million roundings of doubles. Seen at a thousandth of the reach, it is a thousandth of a
+# pixel on a film of 1000 pixels.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
-# Number of changed scenes in the cache: candidates are drawn one after the other.
+# Number of changed scenes in the cache; few suffice, because candidates are drawn one by one.
 KEPT_REFERENCES = 4
 
 Layers = dict[tuple[RayBundle, bool, Culled, Film], Layer]
@@ -70,7 +70,7 @@ def _changed(reference: Reference, axes: str, missing: tuple[int, ...]) -> Refer
     for number, part in enumerate(scene.objects):
         vertices = part.vertices @ matrix
         if number in missing:
-            # Beyond the reach the object is not drawn, and triangles keep their numbers.
+            # Move the object beyond the reach: it is not drawn, and triangles keep their numbers.
             vertices -= (0.0, 0.0, vertices[:, 2].max() + 4 * scene.frustum.longest_reach)
         normals = None if part.vertex_normals is None else part.vertex_normals @ matrix
         parts.append(replace(part, vertices=vertices, vertex_normals=normals))
@@ -86,7 +86,7 @@ def drawn_scene(reference: Reference, model: RendererModel) -> Reference:
 
 
 def trace_drawn(reference: Reference, model: RendererModel, aperture: Aperture) -> HogelImage:
-    """Return the upright image that a model draws of an aperture, without color."""
+    """Return the upright image of an aperture that a model draws, without color."""
     return as_image(reference, aperture, drawn(reference, model, aperture))
 
 
@@ -120,7 +120,7 @@ def layer(
     triangles, film = reference.scene.triangles, unflipped(bundle)
     kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
-        # Culled faces turn this side to the viewer.
+        # `facing` returns 1 for counterclockwise and -1 for clockwise triangles.
         left_out = 1 if culled is Culled.COUNTERCLOCKWISE else -1
         kept = np.flatnonzero(facing(triangles, film) != left_out)
         triangles = triangles[kept]
@@ -186,8 +186,8 @@ def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelIma
 def colored(scene: Scene, model: RendererModel, answer: HogelImage) -> HogelImage:
     """Return an image with the color of each pixel's surface point, without averaging.
 
-    Each half is seen along the lines of its own camera. Correct lights are conjugated: C* needs
-    L* = -L. Without conjugation C* uses the lights of C.
+    Each half is shaded along the lines of its own camera. Correct lights are conjugated: C* needs
+    light directions L* = -L. Without conjugation C* uses the lights of C.
     """
     front = answer.height > model.plate_height
     directions, of_c_star = (
@@ -222,7 +222,7 @@ def _with_normals(scene: Scene, normals: Normals) -> Scene:
     if normals is Normals.FLAT:
         flat = [replace(part, vertex_normals=None) for part in scene.objects]
         return replace(scene, objects=tuple(flat))
-    # The winding, which determines the visible side, is unchanged; each corner gets its own normal.
+    # The winding determines the visible side and is kept; each corner gets its own normal.
     parts = []
     for number, part in enumerate(scene.objects):
         corners = part.faces.reshape(-1)
@@ -247,11 +247,11 @@ def reference_colors(
 ) -> HogelImage:
     """Return a model's image with the color of the reference.
 
-    If color is an average over samples, the near offset is ignored, and the viewer's half covers
-    the other.
+    If color is an average over samples, the near offset is ignored, and the viewer's half is drawn
+    over the other.
     """
     aperture = answer.camera.aperture
-    # Orientation and order transform whole pictures, so they do not change the color of a pixel.
+    # Orientation and order move pixels without changing their colors.
     if replace(question, orientation=UPRIGHT, order=UPRIGHT) == RendererModel():
         return replace(answer, color=reference.trace(aperture).color)
     shared = replace(question, near=0.0).one_pencil and question.film is EVEN
@@ -285,7 +285,7 @@ def picture_of(
             size=(2 * wider * bundle.half_extent[0], 2 * wider * bundle.half_extent[1]),
         ),
     )
-    # The plate of the picture is z = 0: for a scene at another height the objects are moved.
+    # The plate of the picture is at z = 0: move the objects if the lines meet at another height.
     below = np.array([0.0, 0.0, bundle.center[2]])
     moved = tuple(replace(part, vertices=part.vertices - below) for part in scene.objects)
     there = replace(scene, frustum=frustum, objects=moved if below.any() else scene.objects)
@@ -315,7 +315,7 @@ def as_stored(answer: HogelImage, image: HogelImage) -> HogelImage:
 
 
 def as_gray(image: HogelImage) -> Floats:
-    """Return the input of registration: brightness, or one gray per object, 0 for no surface."""
+    """Return the input of registration: brightness, or a gray per object and 0 for background."""
     if image.color is not None:
         return np.asarray(np.nan_to_num(image.color).mean(axis=-1), dtype=np.float64)
     count = int(image.object.max(initial=0)) + 1
@@ -326,8 +326,8 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
     """Return the surface points (H, W, 3) that a decoded image shows, NaN without a surface.
 
     Positions stored in the image are returned unchanged. Without them, a point is the intersection
-    of the pixel's line in the model with the triangle that the pixel names. If the line misses this
-    triangle, the point of the triangle drawn nearest to the pixel's center is returned: the
+    of the pixel's line in the model with the triangle that the pixel names. If the line misses the
+    triangle, it is the point of the triangle that is drawn nearest to the pixel's center; the
     displacement is then a lower bound.
     """
     if np.isfinite(image.position[..., :2]).any():
@@ -375,7 +375,7 @@ def shown_points(scene: Scene, model: RendererModel, image: HogelImage) -> Float
 def _nearest_of_edge(
     ends: Floats, bundle: RayBundle, side: int, cells: Floats, closest: float
 ) -> tuple[Floats, Floats]:
-    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to pixels, and distances, px."""
+    """Return points (N, 3) of edges (N, 2, 3), each drawn nearest to a pixel, and distances, px."""
     center = np.asarray(bundle.center)
     ahead = side * (center[2] - ends[..., 2])
     # The part of the edge behind the camera is cut off.

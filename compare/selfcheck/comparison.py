@@ -17,16 +17,16 @@ UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounding to a double
 PLANE_ROUNDINGS = 16
 """Roundings in each of the two dot products of s = (q . n) / (d . n).
 
-They are relative to the sum of absolute products. A component of n has 4: 1 for each of the two
-differences of coordinates in a product, 1 for the product, and 1 for the difference of two
-products. The product with q, a difference itself, has 2 more, and the sum of three products 2 more:
-8, in any order. The number is doubled to cover terms of second order and the rounding of this bound
-itself."""
+They are relative to the sum of absolute products. A component of n has 4 roundings: 1 for each of
+the two differences of coordinates in a product, 1 for the product, and 1 for the difference of two
+products. q is a difference, and its product with n has 2 more. The sum of three products has 2
+more: 8, in any order. The number is doubled to cover terms of second order and the rounding of this
+bound."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Disagreement:
-    """One pixel that the reference gets wrong, with the exact result and the reference's."""
+    """A wrong pixel of the reference, with the exact result and the result of the reference."""
 
     row: int
     column: int
@@ -56,7 +56,7 @@ def disagreements(
 
     A pixel is wrong if its triangle differs; if its certainty is wrong about a tie, or is
     `UNEXAMINED`; if other triangles are tied; or if its position is off its line. Along the line,
-    the position may differ from the exact one by `position_bound`, and by one rounding if the
+    the position may differ from the exact position by `position_bound`, or by one rounding if the
     reference claims rational arithmetic. Returns (H, W) pixels with any disagreement, and
     descriptions of the first few.
     """
@@ -79,7 +79,7 @@ def disagreements(
     }
 
     def described(about: str, pixel: tuple[int, int]) -> Disagreement:
-        """Describe the exact result and the reference's."""
+        """Describe the exact result and the reference's result."""
         tied, marked = (
             sorted(number for *at, number in ties if tuple(at) == pixel) for ties in (expected, got)
         )
@@ -129,8 +129,8 @@ def _misplaced(
 def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
     """Return the largest error (N,) of an s that was computed in double precision.
 
-    `corners` (N, 3, 3) belong to the triangles met, relative to the center; d (N, 3) the
-    directions, and s (N,) the exact values, rounded. Where rounding leaves the sign of d . n
+    `corners` (N, 3, 3) are the corners of the triangles met, relative to the center. d (N, 3) are
+    the directions, and s (N,) the rounded exact values. If rounding leaves the sign of d . n
     undetermined, s needs rational arithmetic, and the bound allows only the rounding of an exact s.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

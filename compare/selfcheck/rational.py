@@ -3,8 +3,8 @@
 This module is independent of the reference on purpose. The two share only the definition of the
 line of a pixel (`RayBundle`, `LineGrid`). Here a line is first intersected with a triangle's plane.
 The point is then projected along the axis of the normal's largest component, and tested against the
-three edges in two dimensions. All doubles are integers over a common power of two, so that nothing
-is ever rounded. Conventions (CONVENTIONS.md): triangles are closed, a line in a triangle's plane
+three edges in two dimensions. All doubles are integers over a common power of two, so that no
+operation rounds. Conventions (CONVENTIONS.md): triangles are closed, a line in a triangle's plane
 does not meet the triangle, the smallest s within the reach is the hit, and equal s is a tie.
 """
 
@@ -29,7 +29,7 @@ slope. They have at most 3 roundings of 2^-53, each of a number no larger than t
 coordinate times 1 + the steepest slope. The margin is over a thousand times wider."""
 
 CHUNK_TRIANGLES = 1 << 13
-"""Triangles compared with all rows at once; each needs a byte for every row and column."""
+"""Number of triangles compared with all rows at once, a byte for each triangle, row and column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +38,7 @@ class ExactRows:
 
     #: (rows, W) int32, in a tie the smallest number; `NOTHING` where a line meets no triangle
     triangle: Numbers
-    #: (rows, W) the double nearest to the exact s of the hit; NaN where there is none
+    #: (rows, W) the double nearest to the exact s of the hit; NaN without a hit
     s: Floats
     #: (N, 3) image row, column and number of each triangle in a tie for the first hit, sorted
     ties: Indices
@@ -89,9 +89,9 @@ def _boxes_met(
     """Return pairs (N,) of a pixel and a triangle that it may hit, with a lower bound of s.
 
     Pixels are numbered within these rows; pairs are sorted by pixel, then by this bound. A point of
-    the line has x - cx = s dx and s = cz - z. If this point lies in a triangle, s lies between the
-    smallest and the largest s of the corners, so that s dx lies between the products of these two
-    and dx. And x - cx lies between its smallest and largest value at the corners. These two
+    the line has x - cx = s dx and s = cz - z. If the point lies in a triangle, s lies between the
+    smallest and the largest s of the corners, and s dx between the products of these two with dx.
+    In addition, x - cx lies between its smallest and largest value at the corners. The two
     intervals must overlap, in x and in y. Boxes are widened by `BOX_MARGIN`, so that rounding loses
     no pair.
     """
@@ -133,9 +133,9 @@ def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floa
 class _Plane:
     """A triangle relative to the center, in integers: the plane is normal . q = offset.
 
-    It is projected along an axis that the plane does not contain. In the other two coordinates, x
-    and y, each edge has coefficients (u, v, w): u y - v x - w is at least zero on the triangle's
-    side of the edge.
+    The triangle is projected along an axis that the plane does not contain. In the other two
+    coordinates, x and y, each edge has coefficients (u, v, w): u y - v x - w is at least zero on
+    the triangle's side of the edge.
     """
 
     normal: Integers
@@ -145,7 +145,7 @@ class _Plane:
 
     @classmethod
     def through(cls, corners: list[Integers]) -> _Plane | None:
-        """Return plane and edges of a triangle; None if it has no area and no line meets it."""
+        """Return plane and edges of a triangle; None without an area, because no line meets it."""
         # Step 1: the normal, by the cross product of two edges.
         p0, p1, p2 = corners
         a, b = [(q[0] - p0[0], q[1] - p0[1], q[2] - p0[2]) for q in (p1, p2)]

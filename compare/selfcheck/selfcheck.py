@@ -27,9 +27,9 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.images import Certainty
 
-Compute = Callable[..., Iterator[ExactRows]]  #: map, here or in other processes
+Compute = Callable[..., Iterator[ExactRows]]  #: `map`, in this process or in worker processes
 MAX_TASK_PIXELS = 1 << 13
-"""Largest number of pixels in one task of a process: few, to keep all processes busy."""
+"""Largest number of pixels in one task of a process: small tasks keep all processes busy."""
 
 VIEW_PIXELS, QUICK_VIEW_PIXELS = 50_000, 1_600
 """Approximate numbers of pixels in each view of a scene.
@@ -46,7 +46,7 @@ COUNTS = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong
 """Counts of each view that are summed over all views."""
 
 DIRECTION_COUNTS = ("pixels", "open", "differing", "wrong")
-"""Counts of the checks by direction that are summed, with `direction_` before their names."""
+"""Counts of the checks by direction; their sums are named `direction_pixels` and so on."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ class ViewCheck:
     ties: int
     wrong: int
     disagreements: tuple[Disagreement, ...]  #: the first few
-    tracer_wrong: int  #: pixels without a tie that the float32 tracer by itself gets wrong
+    tracer_wrong: int  #: pixels without a tie at which the float32 tracer's proposal is wrong
     seconds: float  #: wall time; other processes compute later views at the same time
 
 
@@ -71,9 +71,9 @@ class ViewCheck:
 class SphereCheck:
     """Lines from a sphere's center through its vertices and the middles of its edges.
 
-    The tracer's misses are counted for float32 lines. A line is wrong if it does not meet the right
-    triangles: at a vertex exactly the triangles that share the vertex, at s = 1; in the middle of
-    an edge at least one of the two triangles that share the edge.
+    The misses of the float32 tracer are counted as well. A line is wrong if it does not meet the
+    right triangles: at a vertex exactly the triangles that share the vertex, at s = 1; in the
+    middle of an edge at least one of the two triangles that share the edge.
     """
 
     triangles: int
@@ -109,7 +109,7 @@ class SelfCheck:
         return not any(wrong) and (self.sphere is None or self.sphere.agrees)
 
     def total(self, count: str) -> int:
-        """Return the sum of one of the counts over all views."""
+        """Return the sum of a count over all views."""
         return sum(getattr(view, count) for view in self.views)
 
     def summary(self) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def selfcheck(
     `names` are scene files or built-in scenes; if empty, all built-in scenes and the sphere are
     checked. `quick` uses smaller images and a coarser sphere. `processes` is the number of worker
     processes; None for one per processor, 1 for the calling process only. Raises InputError for an
-    unknown scene or one with too many triangles.
+    unknown scene or a scene with too many triangles.
     """
     started = time.perf_counter()
     views = [view for name in names or default_names() for view in _views(name, quick)]
@@ -172,7 +172,7 @@ def default_names() -> list[str]:
 
 
 def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
-    """Yield the checked images of a scene or hard case, small enough for integer arithmetic."""
+    """Yield name, scene and aperture of each checked image, small enough for integers."""
     case = hard_cases.CASES.get(name)
     if case is not None and case.giant:
         raise InputError(
@@ -258,8 +258,8 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
         objects=(SceneObject(name="sphere", vertices=vertices, faces=faces),),
     )
     tracer = EmbreeTracer(scene)
-    # A vertex is wrong if its line does not meet exactly the triangles around it, at s = 1. An edge
-    # is wrong if the line through its rounded middle meets a triangle without this edge.
+    # A vertex is wrong unless its line meets exactly the triangles around it, at s = 1. An edge is
+    # wrong if the line through its rounded middle meets a triangle without this edge.
     around: list[list[int]] = [[] for _ in vertices]
     for number, corners in enumerate(faces.tolist()):
         for vertex in corners:
