@@ -330,7 +330,7 @@ def _read_libraries(
             if library is None:
                 lost = "is missing or cannot be read; textures that it may name are not shown"
                 unread[f"material library {name}"] = lost
-            # Of materials with the same name, the first is used.
+            # If materials have the same name, the first is used.
             looks = (library or {}) | looks
     for name in sorted(used - looks.keys() - {""}):
         plain = name.partition("#")[0].strip()  # # begins a comment, or is part of a name

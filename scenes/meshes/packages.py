@@ -186,7 +186,7 @@ class _Model:
                 if uri not in _KNOWN:
                     reason = f"requires the extension {uri}, which is not read"
                     raise self.package.error(reason, "export the mesh without it")
-            # Of objects with the same number, the first is used.
+            # If objects have the same number, the first is used.
             listed = reversed(root.findall(f"{_CORE}resources/{_CORE}object"))
             self._objects[part] = {item.get("id", ""): item for item in listed}
         return self._objects[part]
