@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from enum import StrEnum
 
 from xfrustum.reference import Reference
-from xfrustum.reference.tiles import TILE_PIXELS, tile_rows
+from xfrustum.reference.truth import TILE_PIXELS, tile_rows
 from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Aperture, ApertureBlocks, Plate, PlateTile

@@ -4,15 +4,15 @@ Read it in this order, beside docs/truth.md:
 
 * lines: the lines through an aperture, the definition of truth
 * certify: certification of each pixel, as proven, exact or a tie, and the occlusion query
-* shading: the color of true hits
+* shading: the color of true hits, and exact shadows of lights
 * pictures: the image of an aperture from decisions along its lines: points, normals, objects, light
-* truth: true images of a scene, in bands of rows
+* truth: true images of a scene, in bands of rows or tiles of hogels
 * alone: images and errors of uncertified ray tracers in single precision
 * averages: color averaged over pixels and apertures, and to convergence (paper, section 6)
 * eye: views of eyes in front of the plate, true and replayed
-* tracers: ray tracers as second opinions
+* tracers: ray tracers as second opinions, and the crossed frustum as a sensor of Mitsuba
+* proposals: images of a tracer alone, and second opinions on decisions
 * rays: first surfaces along any rays, with trimesh's interface
-* shadows: shadows of lights, exact for each point
 * transport: interreflection and other light transport by light paths
 * llvm: the LLVM that Dr.Jit uses, Mitsuba's variant, and the number of threads
 * backend: the device of Dr.Jit's arrays, and their conversion from and to NumPy
@@ -28,7 +28,7 @@ import lazy_loader
 if TYPE_CHECKING:
     from xfrustum.reference.averages import Converged as Converged
     from xfrustum.reference.certify.occlusion import SurfacePoints as SurfacePoints
-    from xfrustum.reference.tracers.tracer import TRACERS as TRACERS
+    from xfrustum.reference.tracers import TRACERS as TRACERS
     from xfrustum.reference.transport import PathTracer as PathTracer
     from xfrustum.reference.transport import RadianceEstimate as RadianceEstimate
     from xfrustum.reference.truth import Reference as Reference
@@ -39,7 +39,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "averages": ["Converged"],
         "certify.occlusion": ["SurfacePoints"],
-        "tracers.tracer": ["TRACERS"],
+        "tracers": ["TRACERS"],
         "transport": ["PathTracer", "RadianceEstimate"],
         "truth": ["Reference"],
     },

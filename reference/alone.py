@@ -6,11 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from xfrustum.reference.averages import averages
-from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
-from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
-from xfrustum.reference.tracers.proposals import proposed, uncertified
-from xfrustum.reference.tracers.tracer import TRACERS, Tracer
+from xfrustum.reference.lines import crossed_frustum, model_cameras
+from xfrustum.reference.proposals import proposed, uncertified
+from xfrustum.reference.tracers import TRACERS, EmbreeTracer, MitsubaTracer, Tracer
 from xfrustum.reference.truth import Reference
 from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arguments import InputError

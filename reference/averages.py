@@ -15,10 +15,9 @@ import scipy
 
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.certify.cone import Triangles
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.memory import BAND_PIXELS, bands
-from xfrustum.reference.shading.shading import Shader
-from xfrustum.reference.shadows import ShadowedShader
+from xfrustum.reference.shading import Shader, ShadowedShader
 from xfrustum.scenes.appearance import MAX_SAMPLES, Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene

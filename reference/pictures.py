@@ -28,8 +28,8 @@ from xfrustum.reference.backend import (
     table,
 )
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.lines.lines import LineGrid, PixelLines, RayBundle, crossed_frustum
-from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.lines import LineGrid, PixelLines, RayBundle, crossed_frustum
+from xfrustum.reference.shading import Shader
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.model.images import NOTHING, DirectionImage, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene

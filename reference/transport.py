@@ -1,6 +1,6 @@
 """Light transport that a rasterizer leaves out, by Mitsuba and the crossed frustum's sensor.
 
-Shadows alone need no paths: they are decided exactly (`shadows`). Mitsuba traces interreflection,
+Shadows alone need no paths: they are decided exactly (`shading`). Mitsuba traces interreflection,
 with shadows or without, and direct light as a second opinion.
 
 Paths start at the reference's samples: the centers of `supersample` x `supersample` cells of each
@@ -32,15 +32,11 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.averages import mean_color, points_per_side
 from xfrustum.reference.certify.cone import Triangles
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.llvm import mitsuba_backend, vector_backend
 from xfrustum.reference.memory import padded
-from xfrustum.reference.shading.light import LINEAR
-from xfrustum.reference.shading.shading import Shader
-from xfrustum.reference.shadows import ShadowedShader
-from xfrustum.reference.tracers.mitsuba_tracer import robust_scene
-from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
-from xfrustum.reference.tracers.tracer import unit_scale
+from xfrustum.reference.shading import LINEAR, Shader, ShadowedShader
+from xfrustum.reference.tracers import register_sensor, robust_scene, sensor_parameters, unit_scale
 from xfrustum.scenes.appearance import Environment, Transport
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.scene import Scene

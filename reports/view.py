@@ -16,7 +16,7 @@ from xfrustum.compare.eye import loss
 from xfrustum.compare.eye.noticeable import moves_rigidly
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.eye import EyeReference
 from xfrustum.reports.common.outputs import (
     Staging,
     check_writable_folder,

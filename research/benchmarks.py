@@ -27,11 +27,10 @@ from xfrustum.raster.device.context import describe, open_context
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.raster.plate.renderer import PlainLoop, PlateRenderer
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
+from xfrustum.reference.lines import crossed_frustum, pixel_places
 from xfrustum.reference.llvm import array_device, mitsuba_backend
-from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
-from xfrustum.reference.tracers.proposals import pixel_rays
+from xfrustum.reference.proposals import pixel_rays
+from xfrustum.reference.tracers import EmbreeTracer, bare_intersection
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import Timing, race

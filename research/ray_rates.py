@@ -14,7 +14,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector as EmbreeIntersector
 from trimesh.ray.ray_triangle import RayMeshIntersector as NativeIntersector
 
 from xfrustum.rays import ExactIntersector
-from xfrustum.reference.tracers.embree import EmbreeMesh
+from xfrustum.reference.tracers import EmbreeMesh
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.timing import race

@@ -17,8 +17,8 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector as EmbreeIntersector
 from trimesh.ray.ray_triangle import RayMeshIntersector as NativeIntersector
 
 from xfrustum.rays import ExactIntersector
-from xfrustum.reference.rays.integers import meet
-from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.rays.filter import meet
+from xfrustum.reference.tracers import MitsubaTracer
 from xfrustum.reports.text import aligned
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices, Numbers

@@ -8,8 +8,8 @@ import numpy as np
 from xfrustum.compare.eye import loss
 from xfrustum.compare.eye.noticeable import ARCSEC_PER_RADIAN, Display, Viewer, eyes_apart
 from xfrustum.compare.prediction.chain import with_exact_depth
-from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reference.lines.lines import pixel_places
+from xfrustum.reference.eye import EyeReference
+from xfrustum.reference.lines import pixel_places
 from xfrustum.reports.view import drawing
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.arrays import Floats, Mask

@@ -26,7 +26,7 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_
 from xfrustum.compare.prediction.displacement import TruePoints, spread_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reference.lines import model_cameras
 from xfrustum.reports.blocks import HERE, Engine, Part, Workers, open_workers
 from xfrustum.reports.common.outputs import json_object
 from xfrustum.reports.common.templates_environment import fragment, plain_text

@@ -16,7 +16,7 @@ from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.images import HogelImage

@@ -20,8 +20,8 @@ from xfrustum.compare.prediction.eye_vector import drawn_lines, true_lines
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import points_per_side
-from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.lines import crossed_frustum
+from xfrustum.reference.shading import Shader
 from xfrustum.scenes.appearance import Sampling, sub_apertures
 from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Mask

@@ -16,7 +16,7 @@ from xfrustum.compare.rounding.causes import HEADINGS
 from xfrustum.compare.rounding.edges import per_pixel
 from xfrustum.compare.rounding.triangles import PixelTriangles
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.disk import check_picture_size, read_arrays

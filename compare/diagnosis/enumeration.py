@@ -43,7 +43,7 @@ from xfrustum.compare.renderer_model.pictures import (
     trace_drawn,
 )
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import film_window
+from xfrustum.reference.lines import film_window
 from xfrustum.scenes.model.images import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from xfrustum.compare.metrics.error_maps import hidden_pixels
 from xfrustum.compare.metrics.radiance import perceptual_difference
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.reference.eye.view import EyeReference, hogel_lines
-from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.reference.lines.triangles import plane_places, triangle_normals
+from xfrustum.reference.eye import EyeReference, hogel_lines
+from xfrustum.reference.lines import model_cameras, plane_places, triangle_normals
 from xfrustum.scenes.arguments import InputError
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay

@@ -24,7 +24,7 @@ from xfrustum.compare.rounding.positions import (
     position_tolerance,
 )
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.reference.lines.lines import RayBundle, places_off_center
+from xfrustum.reference.lines import RayBundle, places_off_center
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.images import NOTHING, Certainty, HogelCamera, HogelImage, SurfaceImage
 from xfrustum.scenes.model.scene import Scene

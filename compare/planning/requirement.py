@@ -18,7 +18,7 @@ from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.eye import noticeable
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.scout import PlateScan
-from xfrustum.reference.lines.lines import film_window
+from xfrustum.reference.lines import film_window
 from xfrustum.scenes.arguments import InputError, real, settle
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.scene import Scene

@@ -33,7 +33,7 @@ from xfrustum.compare.prediction.displacement import TruePoints, displacement_le
 from xfrustum.compare.run import NO_TRUTHS, Evaluator, FrameRequest
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import ExactCamera, model_cameras
+from xfrustum.reference.lines import ExactCamera, model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import CAMERAS

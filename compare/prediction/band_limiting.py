@@ -21,7 +21,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from xfrustum.reference.lines.lines import film_window
+from xfrustum.reference.lines import film_window
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.model.visibility import DepthBin, Region, depth_bins
 from xfrustum.scenes.plate import Aperture

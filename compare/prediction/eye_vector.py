@@ -17,9 +17,8 @@ and a mirror shows the environment at R + dR. Diffuse and ambient light do not d
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.reference.shading.light import radiance_toward, smooth_normals
-from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.lines import model_cameras
+from xfrustum.reference.shading import Shader, radiance_toward, smooth_normals
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.images import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene

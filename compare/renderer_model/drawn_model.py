@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, offset_camera, pixel_places
+from xfrustum.reference.lines import RayBundle, crossed_frustum, offset_camera, pixel_places
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Aperture, Fit, Frustum, Pivot

@@ -22,15 +22,16 @@ from xfrustum.compare.renderer_model.drawn_model import (
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
-from xfrustum.reference.lines.lines import RayBundle, pixel_places
-from xfrustum.reference.lines.triangles import (
+from xfrustum.reference.lines import (
+    RayBundle,
     distance_to_triangles,
     facing,
+    pixel_places,
     plane_places,
     triangle_normals,
 )
 from xfrustum.reference.pictures import Layer, overlaid
-from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.files.pictures import is_picture
 from xfrustum.scenes.model.effects import ALL_EFFECTS

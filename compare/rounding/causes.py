@@ -39,7 +39,7 @@ from xfrustum.compare.rounding.edges import (
     seams,
 )
 from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles, RoundingCamera
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.representation import ShortRepr

@@ -18,7 +18,7 @@ from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
 from xfrustum.compare.rounding.triangles import PlateFilm, Precision, RoundingCamera
 from xfrustum.raster.cameras import direction_pass
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import TileLines
+from xfrustum.reference.lines import TileLines
 from xfrustum.scenes.arrays import Indices, Numbers
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.images import NOTHING, DirectionImage, HogelImage

@@ -9,7 +9,7 @@ import numpy as np
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.compare.rounding.triangles import NEXT
-from xfrustum.reference.lines.triangles import cross_products
+from xfrustum.reference.lines import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
-from xfrustum.reference.lines.lines import PixelLines, RayBundle
-from xfrustum.reference.lines.triangles import cross_products
+from xfrustum.reference.lines import PixelLines, RayBundle, cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.plate import DepthFormat, DepthMapping

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xfrustum.compare.selfcheck.rational import ExactRows
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.images import Certainty, DirectionImage, HogelImage
 

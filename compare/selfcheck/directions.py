@@ -17,7 +17,7 @@ import numpy as np
 from xfrustum.compare.selfcheck.comparison import Disagreement, ImageLines, disagreements
 from xfrustum.compare.selfcheck.rational import ExactRows, first_on_lines
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import PixelLines, TileLines
+from xfrustum.reference.lines import PixelLines, TileLines
 from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.images import Certainty, DirectionImage, HogelImage

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.reference.lines.lines import LineGrid, RayBundle
+from xfrustum.reference.lines import LineGrid, RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.images import NOTHING
 

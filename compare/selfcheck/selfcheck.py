@@ -18,10 +18,10 @@ from xfrustum.compare.selfcheck.comparison import Disagreement, ImageLines, disa
 from xfrustum.compare.selfcheck.directions import DirectionCheck, check_directions
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.rays.rays import ExactMesh, FirstHits, RayBatch
-from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers import EmbreeTracer
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import builtin, hard_cases

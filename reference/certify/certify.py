@@ -20,7 +20,7 @@ from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.directions import DirectionLines, ExactGrid
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import Filter, Lines, Pairs, PencilLines
-from xfrustum.reference.lines.lines import PixelLines, RayBundle
+from xfrustum.reference.lines import PixelLines, RayBundle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.images import NOTHING, Certainty
 

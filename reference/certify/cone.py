@@ -36,7 +36,7 @@ from xfrustum.reference.backend import (
     product,
     recording,
 )
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices
 
 #: largest relative error of one rounded operation in double precision, u

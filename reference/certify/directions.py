@@ -65,7 +65,7 @@ from xfrustum.reference.certify.cone import (
 )
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import Pairs
-from xfrustum.reference.lines.lines import PixelLines, RayBundle
+from xfrustum.reference.lines import PixelLines, RayBundle
 from xfrustum.scenes.arrays import Floats
 
 

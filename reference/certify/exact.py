@@ -14,7 +14,7 @@ from weakref import ref
 
 import numpy as np
 
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arrays import Floats
 
 Integers = tuple[int, int, int]

@@ -43,7 +43,7 @@ from xfrustum.reference.certify.cone import (
     in_range,
 )
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.images import NOTHING
 

@@ -32,8 +32,8 @@ from xfrustum.reference.backend import (
 )
 from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Planes, Triangles
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.lines.lines import RayBundle
-from xfrustum.reference.rays.integers import meet
+from xfrustum.reference.lines import RayBundle
+from xfrustum.reference.rays.filter import meet
 from xfrustum.reference.rays.rays import RAYS_AT_ONCE, Candidates, ExactMesh
 from xfrustum.reference.rays.walk import Rays
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers

@@ -1,16 +1,24 @@
-"""Filter in doubles: intersections of rays and triangles, with bounds of all roundings.
+"""Narrow phase: intersections of rays and triangles, in doubles with bounds and in integers.
 
-Let q_i = p_i - o and e_ij = p_j - p_i. The sign of d . (q_i x e_ij) is the side on which the line
-o + t d passes the edge (i, j); the line meets the plane at t = (q_0 . n) / (d . n). q_i and e_ij
-are differences of doubles with one rounding each, so the derivation for `cone`, whose edge
-functions have q_j in place of e_ij, holds here too. The bounds are tighter, because edges are
+**Doubles.** Let q_i = p_i - o and e_ij = p_j - p_i. The sign of d . (q_i x e_ij) is the side on
+which the line o + t d passes the edge (i, j); the line meets the plane at t = (q_0 . n) / (d . n).
+q_i and e_ij are differences of doubles with one rounding each, so the derivation for `cone`, whose
+edge functions have q_j in place of e_ij, holds here too. The bounds are tighter, because edges are
 shorter than the distance to a far origin.
+
+**Integers.** Doubles times a power of two are integers. NumPy arrays of Python integers evaluate
+the same formulas without rounding.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
-from xfrustum.reference.backend import difference, product
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.backend import cross, difference, dot, product
 from xfrustum.reference.certify.cone import (
     EDGES,
     ROUNDING,
@@ -19,6 +27,7 @@ from xfrustum.reference.certify.cone import (
     RowPlanes,
     in_range,
 )
+from xfrustum.scenes.arrays import Floats, Mask
 
 #: Rounding bound of an edge function, relative to the sum of its absolute products: 7 u by the
 #: derivation, and 1 u for the rounding of the bound itself
@@ -81,3 +90,73 @@ def triple_product(a: Sequence[Any], b: Sequence[Any], c: Sequence[Any]) -> tupl
         value = value + product(a[i], first - second)
         magnitude = magnitude + product(abs(a[i]), abs(first) + abs(second))
     return value, magnitude
+
+
+Integers = NDArray[np.object_]  # Python integers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Meetings:
+    """Pairs (K,): hits within the range, and t = offset / slope 2^digits."""
+
+    met: Mask
+    offset: Integers
+    slope: Integers
+    digits: int
+
+    def place(self, pair: int) -> Fraction:
+        """Return t of a pair with a hit."""
+        shift = self.digits
+        return Fraction(self.offset[pair] << max(shift, 0), self.slope[pair] << max(-shift, 0))
+
+
+def meet(corners: Floats, origins: Floats, directions: Floats, ends: Floats) -> Meetings:
+    """Decide whether rays (K, 3) meet triangles (K, 3, 3) at a t within ends (K, 2)."""
+    (points, start), digits = integers(corners, origins)
+    (along,), direction_digits = integers(directions)
+    p, o, d = (coordinates(values) for values in (points, start, along))
+    q = [difference([axis[:, k] for axis in p], o) for k in range(3)]
+    normal = cross(difference(q[1], q[0]), difference(q[2], q[0]))
+    slope, offset = dot(normal, d), dot(normal, q[0])
+    sides = [dot(d, cross(q[i], q[j])) for i, j in ((0, 1), (1, 2), (2, 0))]
+    above, below = (np.logical_or.reduce([(side * sign > 0) for side in sides]) for sign in (1, -1))
+    # For ranges from zero to infinity, the most frequent, signs decide.
+    plain = (ends[:, 0] == 0) & (ends[:, 1] == np.inf)
+    forward = (offset == 0) | ((offset > 0) == (slope > 0))
+    met = (slope != 0) & ~(above & below) & (forward | ~plain)
+    result = Meetings(
+        met=met.astype(np.bool_),
+        offset=offset,
+        slope=slope,
+        digits=direction_digits - digits,
+    )
+    for pair in np.flatnonzero(result.met & ~plain).tolist():
+        first, last = ends[pair].tolist()
+        result.met[pair] = first <= result.place(pair) <= last
+    return result
+
+
+def integers(*values: Floats) -> tuple[list[Integers], int]:
+    """Return doubles times 2^digits as integers, and `digits`."""
+    mantissas, exponents = zip(*(np.frexp(part) for part in values), strict=True)
+    used = [e[m != 0] for m, e in zip(mantissas, exponents, strict=True)]
+    lowest = min((int(e.min()) for e in used if e.size), default=0)
+    whole = [np.ldexp(m, 53).astype(np.int64).astype(object) for m in mantissas]
+    shifts = [
+        np.where(m != 0, e - lowest, 0).astype(object)
+        for m, e in zip(mantissas, exponents, strict=True)
+    ]
+    return [m << shift for m, shift in zip(whole, shifts, strict=True)], 53 - lowest
+
+
+def coordinates(vectors: Integers) -> list[Integers]:
+    """Return the coordinates of vectors (..., 3)."""
+    return list(np.moveaxis(vectors, -1, 0))
+
+
+def nearest_double(value: Fraction) -> float:
+    """Return the double nearest to a rational number, infinity beyond the range."""
+    try:
+        return float(value)
+    except OverflowError:
+        return np.inf if value > 0 else -np.inf

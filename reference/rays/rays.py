@@ -3,7 +3,7 @@
 Embree proposes a triangle for each ray in float32. If doubles prove that the ray meets this
 triangle, its t is an upper limit; nothing else is used of Embree. The walk (`walk`) visits all
 triangles that may lie before the limit. The filter (`filter`) keeps triangles that may be first.
-Integers (`integers`) decide rays with several possible or one uncertain triangle.
+Integers decide rays with several possible or one uncertain triangle.
 """
 
 import math
@@ -31,11 +31,9 @@ from xfrustum.reference.backend import (
     vectors_on_device,
 )
 from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Triangles
-from xfrustum.reference.rays.filter import meetings
-from xfrustum.reference.rays.integers import meet, nearest_double
-from xfrustum.reference.rays.tree import build_tree
-from xfrustum.reference.rays.walk import BESIDE, Boxes, Rays
-from xfrustum.reference.tracers.embree import EmbreeMesh
+from xfrustum.reference.rays.filter import meet, meetings, nearest_double
+from xfrustum.reference.rays.walk import BESIDE, Boxes, Rays, build_tree
+from xfrustum.reference.tracers import EmbreeMesh
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
 from xfrustum.scenes.model.images import NOTHING, Certainty
 

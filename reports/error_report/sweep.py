@@ -21,7 +21,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference, alone
 from xfrustum.reference.alone import AloneNumbers, TracersAlone
 from xfrustum.reference.llvm import worker_count
-from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.shading import Shader
 from xfrustum.reports import inspection
 from xfrustum.reports.common import pictures, provenance
 from xfrustum.reports.common.outputs import progress_bar

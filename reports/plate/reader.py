@@ -14,7 +14,7 @@ import zarr
 from pydantic import PositiveInt, TypeAdapter, ValidationError
 
 from xfrustum.compare.rounding.directions import DirectionPlate
-from xfrustum.reference.lines.lines import film_window
+from xfrustum.reference.lines import film_window
 from xfrustum.reports.plate.arrays import (
     ATTRIBUTE,
     DAMAGE,

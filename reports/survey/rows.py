@@ -20,7 +20,7 @@ from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.run import Evaluator, JudgedDrawing
 from xfrustum.compare.truths import TruthBy, row_tile
-from xfrustum.reference.tiles import tile_rows
+from xfrustum.reference.truth import tile_rows
 from xfrustum.reports.blocks import HogelBlock, HogelJob, device_index
 from xfrustum.reports.common.pictures import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.common.records import named_columns, table_of

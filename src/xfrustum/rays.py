@@ -5,8 +5,7 @@ each answer is, as an `xfrustum.scenes.Certainty`, and the triangles of ties; `l
 returns a `Location`.
 """
 
-from xfrustum.reference.rays.inside import Location
-from xfrustum.reference.rays.intersector import ExactIntersector
+from xfrustum.reference.rays.intersector import ExactIntersector, Location
 from xfrustum.reference.rays.rays import FirstHits
 
 __all__ = ["ExactIntersector", "FirstHits", "Location"]

@@ -31,7 +31,7 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.directions import DirectionLines
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.filter import Filter, PencilLines
-from xfrustum.reference.lines.lines import TileLines, crossed_frustum
+from xfrustum.reference.lines import TileLines, crossed_frustum
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.plate import PlateTile
 

@@ -12,7 +12,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.directions import ExactGrid
-from xfrustum.reference.lines.lines import PixelLines, TileLines
+from xfrustum.reference.lines import PixelLines, TileLines
 from xfrustum.scenes import Frustum, HogelImage, InputError, Plate, Scene, Screen, open_scene
 from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.library import builtin, hard_cases

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from tests.support.strategies import EIGHTHS
 from tests.support.views import at
-from xfrustum.reference.lines.lines import RayBundle, model_cameras
-from xfrustum.reference.lines.triangles import drawn_triangles, facing
+from xfrustum.reference.lines import RayBundle, drawn_triangles, facing, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum
 from xfrustum.scenes.plate import Cull
 

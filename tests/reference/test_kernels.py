@@ -10,10 +10,9 @@ import pytest
 from tests.support.images import assert_same
 from tests.support.processes import threads
 from tests.support.views import view
-from xfrustum.reference import Reference
+from xfrustum.reference import Reference, shading
 from xfrustum.reference.backend import constants, dr, on_device, recording, vectors_on_device
-from xfrustum.reference.shading import light
-from xfrustum.reference.shading.light import Surroundings, Textures, radiance_toward
+from xfrustum.reference.shading import Surroundings, Textures, radiance_toward
 from xfrustum.scenes import HogelImage
 from xfrustum.scenes.appearance import Environment
 
@@ -54,7 +53,7 @@ def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
     expected = np.power(base, exponent, out=np.zeros(len(base)), where=where)
     with recording():
         (raised,) = constants([exponent])
-        result = light._power(on_device(base), raised, on_device(where), digits).numpy()
+        result = shading._power(on_device(base), raised, on_device(where), digits).numpy()
     # Values below the range of float32 are zero in an image.
     np.testing.assert_allclose(result, expected, rtol=1e-10, atol=2.0**-900)
 

@@ -14,7 +14,7 @@ from tests.support.light import dressed_scene
 from tests.support.lit import PLATE, RECENTERED, ROUNDING, SUN, card, lit
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import BOX_SIDE
-from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.appearance import Material, Sampling
 from xfrustum.scenes.arrays import Floats, Singles

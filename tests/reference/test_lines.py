@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.views import at, lines_by_definition, view
 from xfrustum.raster.cameras import clip_from_scene, slab_cameras
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum, model_cameras
+from xfrustum.reference.lines import RayBundle, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate import Fit, Offset, Pivot

@@ -9,7 +9,7 @@ import pytest
 from tests.support.images import assert_same
 from tests.support.views import view
 from xfrustum.reference import Reference
-from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers import EmbreeTracer
 from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.model.effects import needed
 from xfrustum.scenes.model.images import Rendering

@@ -8,9 +8,9 @@ import pytest
 from tests.support.brute_force import exact_s
 from tests.support.lit import CENTERED
 from tests.support.views import soup
-from xfrustum.reference import shadows
+from xfrustum.reference import shading
 from xfrustum.reference.backend import cross, difference, dot
-from xfrustum.reference.shadows import ShadowedShader
+from xfrustum.reference.shading import ShadowedShader
 from xfrustum.scenes.arrays import Floats, Indices
 
 LIGHT = np.array([0.3, -0.2, 0.9])
@@ -79,4 +79,4 @@ def test_a_flat_floor_of_many_triangles_hides_no_light_from_itself(
     assert not shader.hidden(own, position, direction, LIGHT).any()
     monkeypatch.setattr(shader, "_coplanar", lambda first, second: first == second)
     assert shader.hidden(own, position, direction, LIGHT).any()
-    assert shadows.FIRST > 0
+    assert shading.FIRST > 0

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance, replayed_shifts
-from xfrustum.reference.lines.lines import film_window
+from xfrustum.reference.lines import film_window
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Offset, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.compare.eye.loss import Views, display_loss
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.eye import EyeReference
 from xfrustum.scenes.model.eye import Eye
 
 

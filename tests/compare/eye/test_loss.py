@@ -21,7 +21,7 @@ from xfrustum.compare.eye.loss import (
 )
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.eye import EyeReference
 from xfrustum.research.replays import disparity_errors
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.model.eye import Eye

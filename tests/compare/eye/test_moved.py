@@ -14,7 +14,7 @@ from tests.support.views import at, reversed_d32f, view
 from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance
 from xfrustum.raster.cameras import MAPPINGS, clip_from_scene, slab_cameras
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import crossed_frustum, film_window, model_cameras, pixel_places
+from xfrustum.reference.lines import crossed_frustum, film_window, model_cameras, pixel_places
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
 from xfrustum.scenes.arrays import Floats
 

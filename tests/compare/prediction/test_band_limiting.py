@@ -23,7 +23,7 @@ from xfrustum.compare.prediction.band_limiting import (
     sub_apertures_for,
 )
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, open_scene
 from xfrustum.scenes.appearance import Material, additive_recurrence, sub_apertures
 from xfrustum.scenes.arrays import Floats

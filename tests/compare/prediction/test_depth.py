@@ -27,7 +27,7 @@ from xfrustum.compare.prediction.depth import (
 )
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes import (
     Camera,
     DepthFormat,

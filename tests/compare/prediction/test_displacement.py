@@ -20,7 +20,7 @@ from tests.support.views import soup, view
 from xfrustum.compare.metrics.error_maps import lengths, pixel_centers
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes import (
     Aperture,
     Camera,

@@ -17,7 +17,7 @@ from xfrustum.compare.prediction.eye_vector import (
 )
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.shading import Shader
 from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.arrays import Floats, Mask, Numbers

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from xfrustum.compare.rounding.edges import clipped, seams
-from xfrustum.reference.lines.lines import RayBundle
+from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arrays import Floats
 
 SIZE = 128

@@ -25,7 +25,7 @@ from xfrustum.compare.selfcheck.selfcheck import (
     selfcheck,
 )
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
+from xfrustum.reference.lines import RayBundle, crossed_frustum
 from xfrustum.reference.rays.rays import FirstHits
 from xfrustum.reports.text import selfcheck_table
 from xfrustum.scenes import (

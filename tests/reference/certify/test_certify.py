@@ -9,7 +9,7 @@ from tests.support.long_tail import examples
 from tests.support.strategies import apertures, coincidences, frusta, near_misses
 from tests.support.views import lines_by_definition, soup, view
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.scenes import Aperture, Certainty, DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Floats
 

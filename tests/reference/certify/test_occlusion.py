@@ -13,7 +13,7 @@ from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
 from tests.support.views import at, soup, view
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.reference.lines.lines import RayBundle, crossed_frustum
+from xfrustum.reference.lines import RayBundle, crossed_frustum
 from xfrustum.scenes import Frustum
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.images import NOTHING

@@ -9,12 +9,7 @@ from tests.support.long_tail import examples
 from tests.support.strategies import apertures, frusta
 from tests.support.views import at, view
 from xfrustum.reference.certify.cone import Triangles
-from xfrustum.reference.lines.lines import (
-    RayBundle,
-    crossed_frustum,
-    model_cameras,
-    places_off_center,
-)
+from xfrustum.reference.lines import RayBundle, crossed_frustum, model_cameras, places_off_center
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum
 from xfrustum.scenes.arrays import Floats, Mask
 

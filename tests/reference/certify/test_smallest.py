@@ -12,7 +12,7 @@ from tests.support.exact_brute_force import hold_to_fractions
 from tests.support.long_tail import examples
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.reference.certify.certify import first_surfaces
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.scenes import Frustum, InputError, Screen
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import LONGEST, SHORTEST, SMALLEST_COORDINATE

@@ -12,7 +12,7 @@ from tests.support.exact_brute_force import possible_pairs
 from tests.support.long_tail import kept
 from tests.support.views import view
 from xfrustum.reference import Reference
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.eye import EyeReference
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.eye import Eye

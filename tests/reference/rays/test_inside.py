@@ -13,7 +13,7 @@ from tests.support.brute_force import exact_s
 from tests.support.long_tail import examples
 from xfrustum.rays import ExactIntersector, Location
 from xfrustum.reference.backend import cross, difference, dot
-from xfrustum.reference.rays.inside import locate, open_edges
+from xfrustum.reference.rays.intersector import locate, open_edges
 from xfrustum.reference.rays.rays import ExactMesh
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats

@@ -15,11 +15,9 @@ from xfrustum.reference.backend import Float32, Float64, cross, difference, dot,
 from xfrustum.reference.certify import cone
 from xfrustum.reference.rays import filter as filter_module
 from xfrustum.reference.rays import walk
-from xfrustum.reference.rays.filter import triple_product
-from xfrustum.reference.rays.integers import meet, nearest_double
+from xfrustum.reference.rays.filter import meet, nearest_double, triple_product
 from xfrustum.reference.rays.rays import ExactMesh, RayBatch
-from xfrustum.reference.rays.tree import Tree, build_tree
-from xfrustum.reference.rays.walk import slab_shifts
+from xfrustum.reference.rays.walk import Tree, build_tree, slab_shifts
 from xfrustum.scenes import Certainty
 from xfrustum.scenes.arrays import Floats
 

@@ -10,14 +10,14 @@ from tests.support.images import interior
 from tests.support.long_tail import thinned
 from tests.support.views import view
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.llvm import (
     Version,
     accepted_llvm,
     asked_version,
     mitsuba_backend,
 )
-from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, sensor_parameters
+from xfrustum.reference.tracers import mitsuba_scene, register_sensor, sensor_parameters
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Aperture

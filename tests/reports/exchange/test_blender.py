@@ -21,7 +21,7 @@ from PIL import Image
 from tests.conftest import CHECKOUT
 from tests.support.views import view
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import film_window
+from xfrustum.reference.lines import film_window
 from xfrustum.reports.exchange.blender import render
 from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.reports.verification.verification import verify

@@ -26,7 +26,7 @@ from xfrustum import (
 from xfrustum.cli.main import main
 from xfrustum.compare.sampling import SampleRequest, risk_of_claim, share_beyond
 from xfrustum.compare.truths import TruthBy, chosen_order
-from xfrustum.reference.tiles import TILE_PIXELS
+from xfrustum.reference.truth import TILE_PIXELS
 from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.reports.survey.survey import survey

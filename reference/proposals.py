@@ -8,10 +8,9 @@ import numpy as np
 
 from xfrustum.reference.backend import constants, dr, interleaved, product, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.lines.lines import RayBundle
-from xfrustum.reference.lines.triangles import plane_places, triangle_normals
+from xfrustum.reference.lines import RayBundle, plane_places, triangle_normals
 from xfrustum.reference.pictures import pixel_directions
-from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.reference.tracers import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.images import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene

@@ -13,9 +13,9 @@ import numpy as np
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
-from xfrustum.reference.lines.lines import LineGrid, RayBundle, crossed_frustum, film_window
+from xfrustum.reference.lines import LineGrid, RayBundle, crossed_frustum, film_window
 from xfrustum.reference.rays.rays import ExactMesh, RayBatch
-from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.shading import Shader
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.effects import Effect

@@ -1,16 +1,23 @@
-"""Phong on true hits, in double precision, with the true eye vector and without flips.
+"""Color of true hits: Phong in double precision, the shader of a scene, and exact shadows.
 
-CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye
-vector is -d of the pixel's line on both sides of the plate, and the normal is turned toward it.
-Between vertices, normals, colors and texture coordinates are interpolated linearly in space.
-Textures are decoded from sRGB, then filtered bilinearly between texel centers and repeated, with no
-mipmaps.
+**Light.** CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two
+cameras: the eye vector is -d of the pixel's line on both sides of the plate, without a flip, and
+the normal is turned toward it. Between vertices, normals, colors and texture coordinates are
+interpolated linearly in space. Textures are decoded from sRGB, then filtered bilinearly between
+texel centers and repeated, with no mipmaps. There is one lane of Dr.Jit for each point.
 
-There is one lane of Dr.Jit for each point.
+**Shadows** are exact for the doubles of point and light (docs/truth.md). A point is in shadow if
+its ray to the light meets a triangle at t > 0. Triangles in the plane of the point's own triangle
+are excluded by number: the ray meets this plane only in the point, which rounding has moved to
+either side. A triangle does not shadow lights below its own plane, toward which smooth normals may
+point.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,10 +38,15 @@ from xfrustum.reference.backend import (
     table,
     vectors_on_device,
 )
+from xfrustum.reference.certify.cone import ROUNDING
+from xfrustum.reference.rays.filter import UNDERFLOW_BOUND, coordinates, integers, meet
+from xfrustum.reference.rays.rays import ExactMesh, RayBatch
 from xfrustum.scenes.appearance import Environment
-from xfrustum.scenes.arrays import Bytes, Floats, Numbers
-from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.visibility import FAR_MARGIN
 
 _SRGB = np.arange(256) / 255.0
 #: Linear light of each 8-bit sRGB value (IEC 61966-2-1)
@@ -356,3 +368,166 @@ def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
         return dr.select(where, power, 0.0)
     logarithm = exponent * dr.log2(dr.select(where, base, 1.0))
     return dr.select(where, dr.exp2(dr.maximum(logarithm, MIN_LOG2)), 0.0)
+
+
+#: Effects that can make a gray material colored
+COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
+
+
+class Shader:
+    """The light model on one scene's surfaces.
+
+    `effects` are the evaluated effects; None selects the effects that the scene needs, and all
+    effects at points beyond the reach. Cameras among them have no influence, because the surface of
+    each pixel is already decided.
+    """
+
+    def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
+        self._scene = scene
+        self.effects = needed(scene) if effects is None else effects
+        self._automatic = effects is None
+        surface, appearance = scene.surface, scene.appearance
+        interpolated = {
+            effect
+            for effect, attribute in (
+                (Effect.SMOOTH_NORMALS, surface.vertex_normals),
+                (Effect.VERTEX_COLORS, surface.vertex_colors),
+                (Effect.TEXTURES, surface.texture_of_triangle),
+            )
+            if effect in self.effects and attribute is not None
+        }
+        materials = scene.materials
+        colors = [light.color for light in appearance.lights]
+        colors += [getattr(material, term) for material in materials for term in TERMS]
+        gray = all(len(set(color)) == 1 for color in colors)
+        reflects = Effect.REFLECTION in self.effects and appearance.environment is not None
+        # If all colors are gray, one channel is computed, by the same arithmetic.
+        self._channels = 1 if gray and not (interpolated & COLOR_EFFECTS or reflects) else 3
+
+    @cached_property
+    def model(self) -> LightModel:
+        """The light model on the device."""
+        with recording():
+            return LightModel(self._scene, self.effects, self._channels)
+
+    def radiance(
+        self,
+        triangle: Numbers,
+        position: Floats,
+        direction: Floats,
+        hidden: Sequence[Mask] = (),
+    ) -> Floats:
+        """Return linear RGB of points toward the viewer, (N, 3), or (N, 1) where all is gray.
+
+        Points (N, 3) lie on triangles with numbers (N,); (N, 3) directions d of their lines have
+        any length, from the viewer to the back. `hidden` has for each light the points (N,) in its
+        shadow; none for lights without shadows.
+        """
+        if self._automatic and self._out_of_sight(position[:, 2]):
+            return self._of_everything.radiance(triangle, position, direction, hidden)
+        if not len(triangle):
+            return np.zeros((0, self._channels))
+        with recording():
+            channels = self.model.radiance(
+                on_device(triangle),
+                vectors_on_device(position),
+                vectors_on_device(direction),
+                [on_device(mask) for mask in hidden],
+            )
+            # A channel may be a single number for all lanes, for example without lights: broadcast
+            # it.
+            shown = [dr.zeros(Float64, len(triangle)) + part for part in channels]
+            dr.eval(*shown)
+            return np.stack([part.numpy() for part in shown], axis=-1)
+
+    def picture(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
+        """Return linear RGB (.., 3) of points (.., 3) of triangles (..), black for no triangle."""
+        color = np.zeros(position.shape)
+        covered = triangle != NOTHING
+        color[covered] = self.radiance(triangle[covered], position[covered], direction[covered])
+        return color
+
+    @cached_property
+    def _of_everything(self) -> Shader:
+        return Shader(self._scene, ALL_EFFECTS)
+
+    def _out_of_sight(self, height: Floats) -> bool:
+        """Return whether points lie beyond the reach of the effects, as with tiny nears."""
+        toward, back = (FAR_MARGIN * reach for reach in self._scene.frustum.reach)
+        return len(height) > 0 and not (-back <= height.min() and height.max() <= toward)
+
+
+#: first t of a ray to a light: above zero, because a surface that touches the point hides nothing
+FIRST = float(np.nextafter(0.0, 1.0))
+
+
+class ShadowedShader:
+    """The light model of a scene with at least one triangle, and the shadows of its lights."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._shader = Shader(scene)
+        self._mesh = ExactMesh(scene.vertices, scene.faces)
+
+    def picture(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
+        """Return linear RGB of points; see `Shader.picture`."""
+        color = np.zeros(position.shape)
+        covered = triangle != NOTHING
+        points = triangle[covered].astype(np.int64), position[covered], direction[covered]
+        hidden = [
+            self.hidden(*points, np.asarray(light.direction))
+            for light in self._scene.appearance.lights
+        ]
+        color[covered] = self._shader.radiance(triangle[covered], *points[1:], hidden)
+        return color
+
+    def hidden(self, triangle: Indices, position: Floats, direction: Floats, light: Floats) -> Mask:
+        """Return which points (N, 3) of triangles (N,) are hidden from a light.
+
+        `direction` (N, 3) leads from the viewer to each point; `light` (3,) leads to the light.
+        """
+        hidden = np.zeros(len(triangle), dtype=np.bool_)
+        normal = self._scene.normals[triangle]
+        # The visible side faces the light where viewer and light are on one side of the plane.
+        facing = np.flatnonzero(np.einsum("ij,ij->i", normal, direction) * (normal @ light) < 0)
+        rays = RayBatch(
+            origins=position[facing],
+            directions=np.tile(light, (len(facing), 1)),
+            ends=np.tile([FIRST, np.inf], (len(facing), 1)),
+        )
+        pairs = self._mesh.candidates(rays)
+        pairs = pairs[~self._coplanar(triangle[facing[pairs.ray]], pairs.triangle)]
+        hidden[facing[pairs.ray[pairs.sure]]] = True
+        doubtful = pairs[~pairs.sure & ~hidden[facing[pairs.ray]]]
+        some = rays[doubtful.ray]
+        decided = meet(
+            self._mesh.triangles[doubtful.triangle], some.origins, some.directions, some.ends
+        )
+        hidden[facing[doubtful.ray[decided.met]]] = True
+        return hidden
+
+    def _coplanar(self, first: Indices, second: Indices) -> Mask:
+        """Return which triangles lie in the planes of others (K,), decided in integers."""
+        a, b = self._mesh.triangles[first], self._mesh.triangles[second]
+        coplanar: Mask = first == second
+        # Doubles rule out most: a corner farther from the plane than the bound of its determinant.
+        edges = np.abs(a[:, 1:] - a[:, :1])
+        offsets = b - a[:, :1]
+        normal = np.cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])
+        height = np.abs(np.einsum("kij,kj->ki", offsets, normal))
+        magnitude = np.einsum("kij,kj->ki", np.abs(offsets), _unsigned_cross(edges))
+        close = (height <= ROUNDING * magnitude + UNDERFLOW_BOUND).all(axis=1)
+        possible = np.flatnonzero(close & ~coplanar)
+        (own, other), _ = integers(a[possible], b[possible])
+        p, q = coordinates(own), coordinates(other)
+        corners, others = ([[axis[:, k] for axis in v] for k in range(3)] for v in (p, q))
+        plane = cross(difference(corners[1], corners[0]), difference(corners[2], corners[0]))
+        flat = [dot(plane, difference(corner, corners[0])) == 0 for corner in others]
+        coplanar[possible] = np.logical_and.reduce([part.astype(np.bool_) for part in flat])
+        return coplanar
+
+
+def _unsigned_cross(edges: Floats) -> Floats:
+    """Return cross products of unsigned vectors (K, 2, 3), products added instead of subtracted."""
+    (ax, ay, az), (bx, by, bz) = edges[:, 0].T, edges[:, 1].T
+    return np.stack((ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx), axis=1)

@@ -1,4 +1,10 @@
-"""The crossed frustum as a Mitsuba sensor, for any Mitsuba scene and any integrator.
+"""Ray tracers as second opinions: Embree, Mitsuba, and the crossed frustum as a Mitsuba sensor.
+
+**Tracers.** Embree, in single precision and robust mode, and Mitsuba, on all processors or a GPU,
+propose the first triangle of each ray, independently of each other. Positions are computed from the
+triangle in double precision, and `certify` tests the proposal.
+
+**Sensor**, for any Mitsuba scene and any integrator:
 
     register_sensor()
     scene = mi.load_dict({
@@ -16,17 +22,192 @@ in single precision: the error of a line is about 1e-7 of the reach.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from importlib.metadata import version
+from typing import Any, Protocol
 
 import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 
-from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.reference.llvm import mitsuba_backend
-from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
+from xfrustum.reference.lines import crossed_frustum
+from xfrustum.reference.llvm import mitsuba_backend, vector_backend, worker_count
+from xfrustum.reference.memory import padded
+from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
+from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Aperture
+
+TRACERS = ("embree", "mitsuba")  #: names of the tracers; the first is the default
+
+
+class Tracer(Protocol):
+    """Triangles of a scene in a ray tracer. Its hits are proposals: `certify` uses no tracer."""
+
+    name: str
+
+    def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
+        """Return the first triangle (N,) of rays (N, 3) of any length, `NOTHING` for none."""
+
+
+def unit_scale(vertices: Floats) -> float:
+    """Return the power of two that scales a scene to about unit size, exactly.
+
+    Embree has absolute constants near the limits of float32.
+    """
+    size = float(np.abs(vertices).max(initial=0.0))
+    return float(2.0 ** -np.floor(np.log2(size))) if size > 0 else 1.0
+
+
+#: Rays of one call. Embree's binding traces a call on one thread and releases the interpreter lock:
+#: several calls run on several threads.
+EMBREE_RAYS = 1 << 16
+
+
+def embree_versions() -> dict[str, str]:
+    """Return name and version of the tracer, for reports."""
+    return {"embreex": version("embreex")}
+
+
+class EmbreeMesh:
+    """Acceleration structure of a mesh of about unit size, in Embree's robust mode.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) positions, rounded to float32.
+    faces
+        (F, 3) vertex numbers of each triangle.
+    """
+
+    def __init__(self, vertices: Floats, faces: Indices) -> None:
+        self._embree = EmbreeScene(robust=True)
+        self._empty = len(faces) == 0
+        if not self._empty:
+            TriangleMesh(self._embree, vertices.astype(np.float32), faces.astype(np.int32))
+            # The structure is built on the first ray, and two threads must not build it at once.
+            self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    def first_hits(
+        self, origins: Singles, directions: Singles, lengths: Singles | None = None
+    ) -> Numbers:
+        """Return the first triangle (N,) of rays (N, 3) up to lengths, `NOTHING` for none."""
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        if self._empty or not len(hits):
+            return hits
+
+        def fill(start: int) -> None:
+            part = slice(start, start + EMBREE_RAYS)
+            ends = None if lengths is None else lengths[part]
+            hits[part] = self._embree.run(origins[part], directions[part], ends)
+
+        with ThreadPoolExecutor(worker_count()) as pool:
+            list(pool.map(fill, range(0, len(hits), EMBREE_RAYS)))
+        return hits
+
+
+class EmbreeTracer:
+    """A scene in Embree, scaled by `scale`."""
+
+    name = "embree"
+
+    def __init__(self, scene: Scene) -> None:
+        self.scale = unit_scale(scene.vertices)
+        self._mesh = EmbreeMesh(scene.vertices * self.scale, scene.faces)
+
+    def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
+        """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
+        scaled = (origins * self.scale).astype(np.float32)
+        return self._mesh.first_hits(scaled, directions.astype(np.float32))
+
+
+#: rays of one call. This bounds the memory, some 100 bytes per ray.
+MITSUBA_RAYS = 1 << 20
+
+
+def mitsuba_versions() -> dict[str, str]:
+    """Return name and version of the tracer, its variant and its LLVM, for reports."""
+    return mitsuba_backend().versions
+
+
+class MitsubaTracer:
+    """Acceleration structure of a scene in Mitsuba, robust on Embree; `scale` as in Embree's."""
+
+    name = "mitsuba"
+
+    def __init__(self, scene: Scene) -> None:
+        self._backend = vector_backend()
+        mi = self._backend.mitsuba
+        # The classes are kept, so that this tracer outlives a change of Mitsuba's variant.
+        self._ray, self._point, self._vector = mi.Ray3f, mi.Point3f, mi.Vector3f
+        self._int = mi.Int
+        self.scale = unit_scale(scene.vertices)
+        self._scene = robust_scene(scene, self.scale) if len(scene.faces) else None
+
+    def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
+        """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        if self._scene is None:
+            return hits
+        dr = self._backend.drjit
+        for start in range(0, len(origins), MITSUBA_RAYS):
+            part = slice(start, start + MITSUBA_RAYS)
+            point = self._point(_coordinates((origins[part] * self.scale).astype(np.float32)))
+            ray = self._ray(point, self._vector(_coordinates(directions[part].astype(np.float32))))
+            met = self._scene.ray_intersect_preliminary(ray, coherent=True)
+            hits[part] = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
+        return hits
+
+
+def robust_scene(scene: Scene, scale: float) -> Any:
+    """Return a `mi.Scene` of all triangles, scaled; in robust mode if Mitsuba uses Embree."""
+    mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)
+    return mitsuba_backend().mitsuba.load_dict(
+        {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
+    )
+
+
+def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None = None) -> Any:
+    """Return a `mi.Mesh` in float32 with primitives in the order of `faces`, at least one."""
+    mi = mitsuba_backend().mitsuba
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["bsdf"] = bsdf
+    mesh = mi.Mesh(name, len(vertices), len(faces), properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = padded(vertices, np.float32)
+    parameters["faces"] = padded(faces, np.uint32)
+    parameters.update()
+    return mesh
+
+
+def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Callable[[], object]:
+    """Return a function that intersects rays (N, 3) with a scene on the device, synchronously."""
+    mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
+    scale = unit_scale(scene.vertices)
+    loaded = robust_scene(scene, scale)
+    ray = mi.Ray3f(mi.Point3f(_coordinates(origins * scale)), mi.Vector3f(_coordinates(directions)))
+    # Copy the rays to the device: the measured rate must not include reading NumPy's memory.
+    dr.make_opaque(ray)
+    dr.sync_thread()
+
+    def trace() -> object:
+        met = loaded.ray_intersect_preliminary(ray, coherent=True)
+        dr.eval(met)
+        dr.sync_thread()
+        return met
+
+    return trace
+
+
+def _coordinates(vectors: Floats | Singles) -> Singles:
+    # Dr.Jit's arrays of vectors store each coordinate contiguously.
+    rows: Singles = padded(vectors.T, np.float32).reshape(3, -1)
+    return rows
+
 
 PLUGIN = "crossed_frustum"  #: the sensor's name in Mitsuba scenes
 DIFFUSE = "face_diffuse"  #: name of the mesh attribute with each triangle's diffuse color
