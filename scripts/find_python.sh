@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Prints a Python that can make the virtual environment: $PYTHON if set, else the first one that fits.
-# Prints nothing and fails where there is none; the callers say what to do about it.
+# Prints a Python that can make the virtual environment: $PYTHON if set, else the first suitable
+# Python. Fails without output if there is none; callers print advice.
 set -euo pipefail
 
 fits='import sys, ensurepip, venv; print(sys.executable); sys.exit(sys.version_info < (3, 11))'

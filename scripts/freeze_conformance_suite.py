@@ -1,8 +1,8 @@
 """Freeze a conformance suite: write the digests of its truths into the list of its cases.
 
-`python scripts/freeze_conformance_suite.py FOLDER`, where FOLDER holds cases.toml, scenes and
-meshes as `scenes/conformance/1.0` does, replaces FOLDER/cases.toml. A released suite never
-changes: a new version begins with a copy of its folder.
+`python scripts/freeze_conformance_suite.py FOLDER` replaces FOLDER/cases.toml. FOLDER holds
+cases.toml, scenes and meshes, as `scenes/conformance/1.0` does. A released suite never changes: a
+new version begins with a copy of its folder.
 """
 
 import json

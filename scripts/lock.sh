@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Writes requirements.lock: one version of every dependency for all Pythons and platforms, with hashes,
-# and without the address of any registry (docs/adr/0004). Arguments go to uv: --upgrade takes the newest.
+# Writes requirements.lock: one version of every dependency for all Pythons and platforms, with
+# hashes, and without the address of any registry (docs/adr/0004). Arguments go to uv: --upgrade
+# selects the newest versions.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes build/blender, an environment with Blender as a Python module (bpy, about 900 MB), for make test-blender.
-# An environment that is there is kept.
+# Makes build/blender, an environment with Blender as a Python module (bpy, about 900 MB), for make
+# test-blender. An existing environment is kept.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds the site in build/docs: runs the examples of the gallery, and takes every warning for an error. Nothing is
-# fetched: external links are not followed. Arguments go to sphinx-build.
+# Builds the site in build/docs: runs the examples of the gallery, and treats every warning as an
+# error. External links are not followed. Arguments go to sphinx-build.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

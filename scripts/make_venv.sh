@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes .venv with exactly the packages of requirements.lock and the project itself, editable: with uv, which takes
-# a tenth of the time, where it is there or can be had; else with pip. An environment that was made from the same
-# lock file is kept. NO_UV=1 takes pip.
+# Makes .venv with exactly the packages of requirements.lock and the project itself, editable: by uv
+# if it is installed or can be fetched (a tenth of the time), else by pip. An environment made from
+# the same lock file is kept. NO_UV=1 selects pip.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 source scripts/steps.sh
@@ -10,7 +10,7 @@ venv=.venv
 made_from=$venv/requirements.lock
 uv=
 
-# uv asks where pip is configured to ask: it reads none of pip's files and variables itself.
+# Passes pip's configuration to uv, which does not read pip's files and variables.
 configure_uv() {
     local configured
     configured=$("$venv/bin/python" -m pip config list 2>/dev/null)
@@ -24,7 +24,7 @@ configure_uv() {
     [ -z "$(told no-index)" ] || export UV_NO_INDEX=1
 }
 
-# Sets uv to a program that runs: on the path, or one that was fetched before, or one that pip fetches now.
+# Sets uv to a working program: on the path, fetched by an earlier run, or fetched by pip now.
 find_uv() {
     [ -z "${NO_UV:-}" ] || return 0
     for candidate in uv build/uv/bin/uv build/lock/bin/uv; do
@@ -52,7 +52,7 @@ if ! { cmp -s requirements.lock "$made_from" && "$venv/bin/python" -m pip --vers
         echo "Python 3.11 or newer with venv is needed; install one, or set PYTHON to its path." >&2
         exit 1
     }
-    # From scratch, so that nothing of an older lock file stays behind.
+    # --clear removes the packages of an older lock file.
     step "$venv with $("$python" --version)" "$python" -m venv --clear "$venv"
     count=$(grep -c '^[A-Za-z0-9]' requirements.lock)
     configure_uv
@@ -61,14 +61,14 @@ if ! { cmp -s requirements.lock "$made_from" && "$venv/bin/python" -m pip --vers
     cp requirements.lock "$made_from"
 fi
 
-# By uv where this run has one; pip takes seconds to start.
+# Uses uv if this run has found it; pip takes seconds to start.
 pip() {
     { [ -n "$uv" ] && "$uv" pip "$@" --python "$venv/bin/python"; } ||
         "$venv/bin/python" -m pip --disable-pip-version-check "$@"
 }
 
 step "xfrustum itself, editable" pip install --quiet --no-deps --no-build-isolation --editable .
-# Says where pyproject.toml asks for what the lock file does not have.
+# Fails if pyproject.toml requires packages that the lock file does not have.
 step "check that all packages fit" pip check || {
     echo "requirements.lock does not fit pyproject.toml: run make lock." >&2
     exit 1

@@ -1,4 +1,4 @@
-"""Print the missing ones of `atomic`, `opengl`, `llvm`, one word per line.
+"""Print which of `atomic`, `opengl` and `llvm` are missing, one word per line.
 
 Runs before anything is installed, and therefore uses only the standard library.
 """
@@ -17,7 +17,7 @@ OLDEST_LLVM = 17
 
 
 def loads(library: str) -> bool:
-    """Return whether the loader has a library."""
+    """Return whether a library can be loaded."""
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -54,7 +54,7 @@ def has_opengl() -> bool:
 
 
 def llvm_candidates() -> list[str]:
-    """Return names of LLVM libraries for the loader; only the chosen one if set."""
+    """Return names of LLVM libraries for the loader; only DRJIT_LIBLLVM_PATH if it is set."""
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
         return [chosen]

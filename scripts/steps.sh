@@ -1,5 +1,5 @@
-# Sourced by the scripts of the set-up: `step WORDS COMMAND ARGUMENT..` runs a command and says in one line how
-# long it took. What the command prints is shown only where it fails.
+# Sourced by the set-up scripts: `step WORDS COMMAND ARGUMENT..` runs a command and prints its
+# duration in one line. The command's output is shown only if it fails.
 
 step() {
     local words=$1 began=${EPOCHREALTIME/[.,]/} output status=0

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes sure that the system has what pip cannot bring: Python with venv, an EGL/OpenGL driver, an LLVM that
-# Dr.Jit can use, and the libatomic that its wheel links to. Installs what is missing with apt-get where it may;
-# elsewhere names it and stops.
+# Checks that the system has the software that pip cannot install: Python with venv, an EGL/OpenGL
+# driver, an LLVM for Dr.Jit, and the libatomic to which Dr.Jit's wheel links. Installs missing
+# packages by apt-get if permitted; otherwise names them and stops.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 source scripts/steps.sh
@@ -10,13 +10,13 @@ missing() {
     local python
     if ! python=$(scripts/find_python.sh); then
         echo python
-        # Any Python 3 can run the probe, which tells what else to install in the same go.
+        # Any Python 3 can run the probe, so that all missing packages are installed in one run.
         python=$(command -v python3) || { printf '%s\n' atomic opengl llvm; return; }
     fi
     "$python" scripts/probe_system.py
 }
 
-# The newest LLVM that was tried with Dr.Jit and that this release of the distribution has.
+# The newest LLVM of this distribution release that was tested with Dr.Jit.
 apt_llvm() {
     for version in 19 18 17; do
         if [[ $(apt-cache policy "libllvm$version") == *"Candidate: "[0-9]* ]]; then

@@ -1,4 +1,4 @@
-"""Run a renderer that writes PPM on a case, and make PNG of its images: as_png.py RENDERER CASE OUT."""
+"""Run a renderer on a case and convert its PPM images to PNG: as_png.py RENDERER CASE OUT."""
 
 import subprocess
 import sys

@@ -1,5 +1,5 @@
-// A hogel renderer of one file: read_case CASE OUT draws the passes of CASE/cameras.json with a depth buffer of
-// doubles, and writes OUT/hogel_{i}x{j}.ppm with triangle numbers plus one.
+// Hogel renderer in one file: read_case CASE OUT draws the passes of CASE/cameras.json with a depth
+// buffer of doubles, and writes OUT/hogel_{i}x{j}.ppm with triangle numbers plus one.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-// The smallest reader of JSON: numbers, texts, lists and objects.
+// Minimal JSON reader: numbers, strings, lists and objects.
 struct Json {
     double number = 0;
     std::string text;
@@ -72,7 +72,7 @@ int main(int argc, char** argv) {
         std::string kind, corner;
         words >> kind;
         if (kind == "v") {
-            // Not by >>, which refuses numbers as small as 1e-300 in some libraries.
+            // Not read by >>: in some libraries it refuses numbers as small as 1e-300.
             std::array<double, 3> v;
             for (double& x : v) { words >> corner; x = std::strtod(corner.c_str(), nullptr); }
             vertices.push_back(v);
@@ -82,8 +82,9 @@ int main(int argc, char** argv) {
             faces.push_back(f);
         }
     }
-    // What two cameras a step away from the plate cannot show of the true frustum is not claimed: triangles nearer
-    // to the plate than the step, and films that are wider than the scene already at that distance.
+    // Two cameras offset from the plate cannot show the whole true frustum. Decline triangles
+    // nearer to the plate than the offset, and films that are wider than the scene at the distance
+    // of the offset.
     for (const Json& aperture : cameras["apertures"].list)
         for (const Json& pass : aperture["passes"].list) {
             const auto &center = aperture["center"].list, &half = pass["half_extent"].list;
@@ -129,7 +130,7 @@ int main(int argc, char** argv) {
                         double a = (e0[0] * u + e0[1] * v + e0[2]) / volume, b = (e1[0] * u + e1[1] * v + e1[2]) / volume;
                         double c = (e2[0] * u + e2[1] * v + e2[2]) / volume;
                         if (a < 0 || b < 0 || c < 0) continue;
-                        double w = 1 / (a + b + c);  // of the point that this pixel sees
+                        double w = 1 / (a + b + c);  // w of the point that the pixel shows
                         int at = row * width + column;
                         if (!(w >= near && w <= far) || !(farthest ? w > depth[at] : w < depth[at])) continue;
                         depth[at] = w;

@@ -1,4 +1,4 @@
-// node render.mjs CASE OUT: casts a line through each pixel's center, in doubles.
+// node render.mjs CASE OUT: casts a line through each pixel's center, in double precision.
 import { readFileSync, writeFileSync } from "node:fs";
 import { deflateSync, crc32 } from "node:zlib";
 

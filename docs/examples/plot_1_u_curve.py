@@ -2,9 +2,9 @@
 The U curve
 ===========
 
-Two cameras must step back by some near distance n. A large n bends the picture; a
-small n starves the depth buffer. In between the share of wrong pixels has a minimum:
-it is U-shaped.
+Two cameras must step back by some near distance n. A large n displaces surfaces; a
+small n leaves too little depth precision. In between, the share of wrong pixels has a
+minimum: its curve is U-shaped.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ from PIL import Image
 from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
-# The scene is the built-in car, which stands across the plate, on a film of 160 x 160
+# The scene is the built-in car. It crosses the plate, and the film has 160 x 160
 # pixels.
 
 scene = open_scene("car")
@@ -29,7 +29,8 @@ buffers = {
 }
 
 # %%
-# A ``Evaluator`` draws an aperture with all settings, traces its truth once, and compares.
+# An ``Evaluator`` draws an aperture with all settings, traces its truth once, and
+# compares.
 
 settings = [
     DoubleFrustum(near=near, depth=depth, mapping=mapping)
@@ -45,8 +46,8 @@ for name, shares in zip(buffers, wrong, strict=True):
     print(f"{name:14} least: {shares.min():.4%} at n = {nears[shares.argmin()]:.2g} mm")
 
 # %%
-# The picture itself, from a near that is too large to one that is too small for 24
-# bits: red pixels show the wrong surface.
+# Pictures, from a near that is too large to a near that is too small for 24 bits:
+# red pixels show the wrong surface.
 
 
 def with_errors(drawing, truth):
@@ -72,8 +73,8 @@ picture = Image.fromarray((255 * np.hstack(pictures)).astype("uint8")).resize(
 picture
 
 # %%
-# And the curves: at the right all buffers agree, for there the near offset decides; at
-# the left the buffer decides.
+# The curves: at the right all buffers agree, because the near offset causes the
+# errors; at the left the buffer causes them.
 
 figure = go.Figure()
 for name, shares in zip(buffers, wrong, strict=True):

@@ -2,9 +2,9 @@
 The gap at the plate
 ====================
 
-A viewer receives one pixel of each hogel. To an eye, the near offset opens a gap of
-2 n at the plate: content behind the plate appears n farther back, content before it n
-farther in front. The method has the proof.
+A viewer receives one pixel of each hogel. To an eye, the near offset opens a gap of 2 n
+at the plate: content behind the plate appears n farther back, content in front of it n
+farther in front (proof: docs/method.md).
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from xfrustum.reports.view import drawing
 
 # %%
 # A scene with parts on both sides of the plate, viewed from 600 mm. To make the gap
-# visible n is a twenty-fifth of the reach.
+# visible, n is a twenty-fifth of the reach.
 
 scene = open_scene("asymmetric")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(48, 48)))
@@ -33,7 +33,7 @@ print(
 
 
 def shown(image):
-    """Return an eye's picture as 8 bits, white where it sees nothing."""
+    """Return an eye's picture as 8 bits, white where no surface is visible."""
     color = np.where((image.triangle >= 0)[..., None], image.color, 1.0)
     return (255 * color.clip(0, 1) ** (1 / 2.2)).astype("uint8")
 
@@ -46,7 +46,7 @@ picture = Image.fromarray(np.hstack(pictures)).resize(
 picture
 
 # %%
-# What the display loses (A to B), and what the renderer loses besides (B to C):
+# Loss by the display (A to B), and additional loss by the renderer (B to C):
 
 for who, loss in (
     ("display", seen.record.eyes[0].display),

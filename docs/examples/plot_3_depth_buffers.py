@@ -14,8 +14,8 @@ from PIL import Image
 from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
-# At n = 1e-7 of the reach the near offset bends nothing: all errors are those of the
-# buffer.
+# At n = 1e-7 of the reach the near offset has no visible effect: all errors are from
+# the depth buffer.
 
 scene = open_scene("car")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(160, 160)))
@@ -34,8 +34,8 @@ with Evaluator(scene) as judge:
     hogel = next(iter(judge.stream([scene.plate.middle], settings, images=True)))
 
 # %%
-# Red pixels show the wrong surface. D16 loses most of the car: its depth rounds to the
-# value that the buffer was cleared to.
+# Red pixels show the wrong surface. D16 loses most of the car: the depth of the car
+# rounds to the clear value of the buffer.
 
 truth = hogel.truth
 gray = np.where(

@@ -2,8 +2,8 @@
 Slabs and seams
 ===============
 
-Cuts at some distances from the plate divide both frusta into slabs. All but the first
-are drawn exactly from the aperture. What happens at the first cut depends on the fit.
+Cuts at some distances from the plate divide both frusta into slabs. All slabs but the
+first are drawn exactly from the aperture. Errors at the first cut depend on the fit.
 """
 
 from dataclasses import replace
@@ -14,8 +14,8 @@ from PIL import Image
 from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
-# One pair of frusta; a cut at 15 mm whose first slab keeps the frustum's angle; and the
-# same cut with the first slab fitted to it.
+# Three settings: one pair of frusta; a cut at 15 mm, with the frustum's angle in the
+# first slab; and the same cut, with the first slab fitted to the cut.
 
 scene = open_scene("car")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(192, 192)))
@@ -31,8 +31,8 @@ with Evaluator(scene) as judge:
     )
 
 # %%
-# The seam is the line of wrong surfaces in the second picture, where the first slab
-# ends bent and the second begins straight. The fit closes it.
+# The seam is the line of wrong surfaces in the second picture, where the displaced
+# first slab meets the exact second slab. The fit closes the seam.
 
 truth = hogel.truth
 gray = np.where(

@@ -2,9 +2,9 @@
 Shear
 =====
 
-With a projection screen that is fixed to the plate, every aperture sees it under
-another shear. The paper shears about the aperture; an ordinary off-axis projection
-shears about each camera's own center, and draws everything a little off.
+With a projection screen fixed to the plate, every aperture has a different shear. The
+paper shears about the aperture; an ordinary off-axis projection shears about each
+camera's own center, and displaces all points a little.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from PIL import Image
 from xfrustum import DoubleFrustum, Evaluator, open_scene
 
 # %%
-# The hogel at the top left of the plate, where the shear is largest.
+# The hogel at the top left of the plate has the largest shear.
 
 scene = open_scene("asymmetric-recentered")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(200, 150)))
@@ -25,9 +25,9 @@ with Evaluator(scene) as judge:
     hogel = next(iter(judge.stream([corner], settings, images=True)))
 
 # %%
-# Displacement from blue (0.01 px) to yellow (10 px): about the aperture (left) points
-# move toward the middle of the film; about the cameras (right) everything moves aside
-# as well.
+# Displacement from blue (0.01 px) to yellow (10 px): with shear about the aperture
+# (left), points move toward the middle of the film; with shear about the cameras
+# (right), all points also move sideways.
 
 
 def colors(displacement):
@@ -45,7 +45,7 @@ picture = Image.fromarray(
 picture
 
 # %%
-# In numbers:
+# The displacements in numbers:
 
 for drawing in hogel.drawings:
     moved = drawing.comparison.displacement_px

@@ -2,8 +2,8 @@
 Band limiting
 =============
 
-A hogel has an area, and shows the mean over its points. Fine bars alias where one
-point stands for all of them.
+A hogel has an area, and shows the mean over its points. Fine bars alias if a hogel is
+computed from only one point.
 """
 
 from dataclasses import replace
@@ -15,8 +15,8 @@ from xfrustum import Reference, open_scene
 from xfrustum.scenes.appearance import Sampling
 
 # %%
-# Bars finer and coarser than an aperture can show, as one point of the aperture sees
-# them and as 16 and 64 points do.
+# Bars finer and coarser than an aperture can show, traced from 1, 16 and 64 points
+# of the aperture.
 
 scene = open_scene("grating")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(128, 128)))
@@ -41,7 +41,7 @@ picture = Image.fromarray(
 picture
 
 # %%
-# How far the means still are from that of 64 points:
+# Difference of the other means from the mean over 64 points:
 
 for count in (1, 16):
     difference = images[count].color - images[64].color

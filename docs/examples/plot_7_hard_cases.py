@@ -2,9 +2,9 @@
 Hard cases
 ==========
 
-Scenes at which renderers fail: lines exactly through edges and vertices, surfaces in
-the aperture, triangles without area. The truth decides each pixel: proven in floating
-point, in integers, or a tie.
+Scenes on which renderers fail: lines exactly through edges and vertices, surfaces in
+the aperture, triangles without area. The reference decides each pixel: by proof in
+floating point, by integer arithmetic, or as a tie.
 """
 
 import numpy as np
@@ -13,8 +13,7 @@ from PIL import Image
 from xfrustum import Reference, open_scene
 from xfrustum.scenes import Certainty
 
-# %%
-# Four of the cases. ``xfrustum scenes --hard`` lists all.
+# %% Four hard cases. ``xfrustum scenes --hard`` lists all.
 
 names = (
     "vertices-and-edges",
@@ -28,8 +27,8 @@ for name in names:
     images[name] = Reference(scene).trace(scene.plate.middle)
 
 # %%
-# Gray pixels are proven, blue ones were decided in integers, orange ones are ties;
-# white ones show nothing.
+# Gray pixels are proven, blue pixels are decided in integers, orange pixels are
+# ties, and white pixels show no surface.
 
 COLORS = {
     Certainty.PROVEN: (0.72, 0.72, 0.72),
@@ -39,7 +38,7 @@ COLORS = {
 
 
 def decided(image):
-    """Return how each pixel was decided, as a color."""
+    """Return the method that decided each pixel, as a color."""
     found = np.ones((*image.triangle.shape, 3))
     for kind, color in COLORS.items():
         seen = (image.certainty == kind) & (image.covered | (kind != Certainty.PROVEN))

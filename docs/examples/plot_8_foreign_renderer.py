@@ -38,7 +38,7 @@ for defect in found.summary()["diagnosis"]:
     print("*", defect["words"])
 
 # %%
-# The truth, and what this renderer made of it:
+# The truth, and the image of this renderer:
 
 
 def shown(image):
@@ -55,7 +55,7 @@ picture = Image.fromarray(np.hstack([shown(image) for image in pair])).resize(
 picture
 
 # %%
-# As delivered, and after correction for these findings:
+# Share of wrong pixels as delivered, and after correction of these defects:
 
 summary = found.summary()
 for which in ("as_found", "corrected"):

@@ -5,8 +5,9 @@
     xfrustum conformance run --python casting:by_mitsuba
     xfrustum conformance run --python casting:mitsuba_sensor
 
-Embree and Mitsuba round to float32; trimesh's own search is in NumPy, in doubles. The last one
-takes Mitsuba's own sensors: the two offset cameras of a case as `camera --for mitsuba` writes them.
+Embree and Mitsuba round to float32; trimesh's own search uses NumPy in double precision.
+`mitsuba_sensor` uses Mitsuba's sensors: the two offset cameras of a case, as `camera --for mitsuba`
+writes them.
 """
 
 import json
@@ -27,7 +28,7 @@ def _mesh(folder: Path) -> trimesh.Trimesh:
 
 
 def embree(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:
-    """Ask Embree, by trimesh and embreex, for the first triangle along each line."""
+    """Return the numbers of a hogel by Embree, through trimesh and embreex."""
     from trimesh.ray.ray_pyembree import RayMeshIntersector  # noqa: PLC0415
 
     origins, directions = lines(asked, hogel)
@@ -39,7 +40,7 @@ def embree(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:
 
 
 def by_trimesh(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:
-    """Ask trimesh's own search, in NumPy."""
+    """Return the numbers of a hogel by trimesh's own search in NumPy."""
     from trimesh.ray.ray_triangle import RayMeshIntersector  # noqa: PLC0415
 
     origins, directions = lines(asked, hogel)
@@ -48,7 +49,7 @@ def by_trimesh(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> A
 
 
 def by_mitsuba(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:
-    """Ask Mitsuba 3 for the first triangle along each line."""
+    """Return the numbers of a hogel by Mitsuba 3."""
     import mitsuba as mi  # noqa: PLC0415
 
     mi.set_variant("llvm_ad_rgb")
@@ -63,7 +64,7 @@ def by_mitsuba(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> A
 
 
 def mitsuba_sensor(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:
-    """Let Mitsuba's sensors make the lines of C and C*; those of C* begin at their far ends."""
+    """Return the numbers of a hogel by Mitsuba's sensors; lines of C* begin at their far ends."""
     import mitsuba as mi  # noqa: PLC0415
 
     from xfrustum.raster.description import mitsuba  # noqa: PLC0415

@@ -3,7 +3,7 @@
     make test-blender     # installs bpy into build/blender
     xfrustum conformance run --timeout 600 --command 'python cycles.py BLENDER_PYTHON {case} {out}'
 
-`python` is one that has xfrustum, BLENDER_PYTHON one that has bpy (build/blender/bin/python).
+`python` is a Python with xfrustum, BLENDER_PYTHON a Python with bpy (build/blender/bin/python).
 """
 
 import json

@@ -1,9 +1,9 @@
-"""Frames that were recorded on a graphics card, judged by the suite's rule: python frames.py FRAMES.npz.
+"""Judge frames recorded on a graphics card by the suite's rule: python frames.py FRAMES.npz.
 
-They were recorded before the suite, on films of 192 x 144 pixels that no case has. So this asks the
-questions of L2 about them, each frame with its own near offset and depth buffer; and, of those
-whose offset is that of the cameras which cases without a stated one hand out, the question of L1,
-L3 and L5: the true frustum.
+The frames are older than the suite, and no case has their films of 192 x 144 pixels. Each frame is
+judged as in L2, with its own near offset and depth buffer. A case without a stated near provides
+cameras with a default offset. Frames with this offset are also judged as in L1, L3 and L5, against
+the true frustum.
 """
 
 import sys
@@ -22,7 +22,7 @@ from xfrustum.scenes.model.device_model import model_of
 
 
 def main() -> None:
-    """Judge all frames of a file; print those that fail, and how many pass."""
+    """Judge all frames of a file; print the failed frames and the number of passed frames."""
     device, frames = read_frames(Path(sys.argv[1]))
     passed, asked, total = Counter[str](), Counter[str](), Counter[str]()
     for frame in frames:

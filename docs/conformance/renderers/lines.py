@@ -1,4 +1,4 @@
-"""Lines of pixels and limits known beforehand, shared by the renderers of this folder."""
+"""Lines of pixels, and checks of known limits, shared by the renderers of this folder."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ def film(asked: dict[str, Any]) -> tuple[Any, Any]:
 
 
 def lines(asked: dict[str, Any], hogel: tuple[int, int]) -> tuple[Any, Any]:
-    """Return origins and directions (H * W, 3); a point at s behind the plate lies at t = s + reach[0]."""
+    """Return origins and directions (H * W, 3); a point at depth s has t = s + reach[0]."""
     check_numbers(asked)
     if asked["near"]:
         raise NotImplementedError("the true frustum only")
@@ -35,7 +35,7 @@ def numbers(folder: Path, asked: dict[str, Any], hogel: tuple[int, int], first: 
     normal = np.cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.einsum("ni,ni->n", a - origins, normal) / np.einsum("ni,ni->n", directions, normal)
-    # A line in the plane of a triangle meets it anywhere between its corners.
+    # A line in the plane of a triangle meets the triangle anywhere between its corners.
     ends = asked["reach"][0] - corners[..., 2]
     t = np.clip(np.nan_to_num(t), ends.min(axis=1), ends.max(axis=1))
     shown = np.where((first >= 0) & (t <= sum(asked["reach"])), first + 1, 0)
@@ -53,13 +53,13 @@ def asked_for(scene: Any, asked: dict[str, Any], shown: Any) -> Any:
 
 
 def check_numbers(asked: dict[str, Any]) -> None:
-    """Raise NotImplementedError where colors are asked for."""
+    """Raise NotImplementedError if the case requests colors."""
     if asked["asked"] not in ("triangle-id", "object-id"):
         raise NotImplementedError("no colors")
 
 
 SMALLEST = float(np.finfo(np.float32).tiny)
-"""Smallest length that float32 holds with all its bits: 1.2e-38."""
+"""Smallest normal float32: 1.2e-38."""
 
 
 def check_float32(scene: Any, origins: Any = 0.0) -> None:
@@ -72,11 +72,11 @@ def check_float32(scene: Any, origins: Any = 0.0) -> None:
 
 
 def check_two_cameras(scene: Any, asked: dict[str, Any], cameras: dict[str, Any]) -> None:
-    """Raise NotImplementedError where two cameras a step n away, in float32, cannot show the true frustum.
+    """Raise NotImplementedError if two float32 cameras with offset n cannot show the true frustum.
 
-    They draw a point at height z at |z| / (|z| + n) of its distance from the film's middle. So they
-    show next to nothing of a triangle that is nearer to the plate than n, nor anything where the
-    film is wider than the scene already at the distance n.
+    They draw a point at height z at |z| / (|z| + n) of its distance from the film's middle.
+    Therefore they show almost no part of a triangle that is nearer to the plate than n, and no
+    useful picture of a scene that is narrower than the film at the distance n.
     """
     check_float32(scene)
     if asked["near"]:

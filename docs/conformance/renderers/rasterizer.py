@@ -3,9 +3,9 @@
     xfrustum conformance run --python rasterizer:draw
     xfrustum conformance run --python rasterizer:d24_standard
 
-`draw` takes the cameras that each case hands out. `d24_standard` draws the cases that state no
-offset with the depth buffer of most programs and the offset of 1e-3 of the reach that it needs: it
-shows what that costs.
+`draw` uses the cameras of each case. `d24_standard` draws cases without a stated offset with the
+depth buffer of most programs, and with the offset that this buffer needs, 1e-3 of the reach: its
+verdicts show the cost.
 """
 
 import json
@@ -22,7 +22,7 @@ from xfrustum.scenes.conformance_suite import chosen
 
 @lru_cache(maxsize=1)
 def opened(name: str) -> tuple[Any, Any, Rasterizer]:
-    """Return case, scene and rasterizer by the name of the case; keeps the last ones."""
+    """Return case, scene and rasterizer by the name of the case; the latest result is cached."""
     (case,) = chosen(names=(name,))
     scene = case.open()
     return case, scene, Rasterizer(scene).__enter__()
@@ -34,7 +34,7 @@ def draw(
     hogel: tuple[int, int],
     settings: DoubleFrustum | None = None,
 ) -> Any:
-    """Draw a hogel with the two cameras of the case, or with others."""
+    """Draw a hogel with the two cameras of the case, or with other settings."""
     check_two_cameras(
         np.load(folder / "scene.npz"), asked, json.loads((folder / "cameras.json").read_text())
     )
@@ -47,7 +47,7 @@ def draw(
 
 
 def d24_standard(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Any:
-    """Draw a hogel with D24 and an offset of 1e-3 of the reach where none is stated."""
+    """Draw a hogel with D24; the offset is 1e-3 of the reach if the case states none."""
     near = asked["near"] or 1e-3 * max(asked["reach"])
     usual = DoubleFrustum(near=near, depth=DepthFormat.D24, mapping=DepthMapping.STANDARD)
     return draw(folder, asked, hogel, None if asked["near"] else usual)

@@ -1,11 +1,11 @@
-"""The two cameras of each case on WebGPU, by wgpu-py, on whatever device Vulkan, Metal or Direct3D has.
+"""Draw the two cameras of each case by wgpu-py (WebGPU) on Vulkan, Metal or Direct3D.
 
     pip install wgpu pillow
     xfrustum conformance export --out archive
     python wgpu_cameras.py archive/conformance-1.0.zip images
     xfrustum conformance judge images --truth archive/conformance-1.0.zip
 
-Vertices and matrices are float32, as in an engine; it needs nothing of xfrustum.
+Vertices and matrices are float32, as in a game engine. The script does not import xfrustum.
 """
 
 import json
@@ -69,11 +69,9 @@ def pipeline_of(depth: dict[str, Any]) -> Any:
 
 
 def uniforms(one: dict[str, Any]) -> Any:
-    """Return matrix and planes of a pass as the shader has them: columns first."""
+    """Return matrix and planes of a pass in the shader's layout: the matrix by columns."""
     matrix = np.array(one["clip_from_scene"])
-    if (
-        one["depth"]["clip_range"][0] < 0
-    ):  # WebGPU keeps clip depths from 0 to 1, which are stored alike
+    if one["depth"]["clip_range"][0] < 0:  # WebGPU clips depth to 0..1; stored depths are equal
         matrix[2] = (matrix[2] + matrix[3]) / 2
     return np.concatenate((matrix.T.ravel(), [one["near"], one["far"], 0, 0])).astype(np.float32)
 
