@@ -1,22 +1,18 @@
 """Truth by direction: one pixel of all hogels, decided as in the images of the hogels."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
 
-from tests.support.long_tail import thinned
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.directions import ExactGrid
 from xfrustum.reference.lines import PixelLines, TileLines
-from xfrustum.scenes import Frustum, HogelImage, InputError, Plate, Scene, Screen, open_scene
+from xfrustum.scenes import Frustum, InputError, Plate, Scene, Screen, open_scene
 from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.library import builtin, hard_cases
-from xfrustum.scenes.model.images import DirectionImage
 from xfrustum.scenes.plate import PlateTile
 
 CHANNELS = ("triangle", "position", "normal", "color", "certainty")
@@ -35,45 +31,34 @@ def small(name: str, hogels: tuple[int, int], resolution: tuple[int, int]) -> Sc
     return scene
 
 
-def both_ways(
-    scene: Scene, tile: PlateTile, every: int = 1
-) -> Iterator[tuple[DirectionImage, dict[str, np.ndarray], set[tuple[int, ...]]]]:
-    """Yield pairs of an image by direction and the same pixels and ties taken from hogels."""
+def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> None:
+    """Compare images by direction with the same pixels and ties of hogels, bit for bit."""
     reference = Reference(scene)
     width, height = scene.frustum.resolution
-    hogels: dict[tuple[int, int], HogelImage] = {
-        (row, column): reference.trace(scene.plate.aperture(column, row))
+    hogels = [
+        [reference.trace(scene.plate.aperture(column, row)) for column in tile.columns]
         for row in tile.rows
-        for column in tile.columns
-    }
+    ]
     pixels = [(column, row) for row in range(height) for column in range(width)][::every]
     for image in reference.by_directions(tile, pixels):
         at = image.pixel[::-1]
-        values = {
-            name: np.stack([getattr(hogel, name)[at] for hogel in hogels.values()])
-            for name in CHANNELS
-        }
-        shape = len(tile.rows), len(tile.columns)
-        ties: set[tuple[int, ...]] = {
-            (row - tile.rows[0], column - tile.columns[0], triangle)
-            for (row, column), hogel in hogels.items()
+        for name in CHANNELS:
+            expected = np.array([[getattr(hogel, name)[at] for hogel in row] for row in hogels])
+            assert_same_bytes(getattr(image, name), expected)
+        ties = {
+            (row, column, triangle)
+            for row, line in enumerate(hogels)
+            for column, hogel in enumerate(line)
             for *place, triangle in hogel.tied_triangles.tolist()
             if tuple(place) == at
         }
-        yield image, {n: v.reshape(*shape, *v.shape[1:]) for n, v in values.items()}, ties
-
-
-def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int:
-    """Compare images by direction with hogels bit for bit; return the number of compared pixels."""
-    compared = 0
-    for image, expected, ties in both_ways(scene, tile, every):
-        for name in CHANNELS:
-            # Bytes distinguish -0 from 0, and treat equal NaNs as equal.
-            ours = np.ascontiguousarray(getattr(image, name))
-            assert ours.tobytes() == expected[name].tobytes(), (name, image.pixel)
         assert set(map(tuple, image.tied_triangles.tolist())) == ties
-        compared += image.triangle.size
-    return compared
+
+
+def assert_same_bytes(values: np.ndarray, expected: np.ndarray) -> None:
+    """Compare bytes, which distinguish -0 from 0, and treat equal NaNs as equal."""
+    assert values.dtype == expected.dtype and values.shape == expected.shape
+    assert np.ascontiguousarray(values).tobytes() == np.ascontiguousarray(expected).tobytes()
 
 
 @pytest.mark.parametrize(
@@ -81,10 +66,8 @@ def assert_equal_to_hogels(scene: Scene, tile: PlateTile, every: int = 1) -> int
     [
         "asymmetric",
         "asymmetric-recentered",
-        "car-recentered",
         "hard/vertex-on-aperture",
         "hard/edge-through-aperture",
-        "hard/closed-edges",
         "hard/screen-near-plate",
         "hard/screen-near-plate-in-front",
         "hard/duplicates",
@@ -99,24 +82,25 @@ def test_pixels_by_direction_equal_those_of_hogels_bit_for_bit(name: str) -> Non
     tile = PlateTile(
         plate=scene.plate, columns=range(column - 1, column + 2), rows=range(row, row + 2)
     )
-    every = 1 if np.prod(scene.frustum.resolution) < 100 else 211
-    assert_equal_to_hogels(scene, tile, every)
+    assert_equal_to_hogels(scene, tile, every=1 if np.prod(scene.frustum.resolution) < 100 else 211)
+
+
+def whole_plate(scene: Scene) -> PlateTile:
+    columns, rows = map(range, scene.plate.hogels)
+    return PlateTile(plate=scene.plate, columns=columns, rows=rows)
 
 
 def test_edge_on_triangles_leave_the_same_pixels_open() -> None:
     """Pixel 28, 20 lies beside an edge-on triangle that reaches the screen's height."""
     scene = small("hard/edge-through-aperture", (9, 7), (40, 32))
-    columns, rows = map(range, scene.plate.hogels)
-    tile = PlateTile(plate=scene.plate, columns=columns, rows=rows)
-    assert_equal_to_hogels(scene, tile, 20 * 64 + 28)
+    assert_equal_to_hogels(scene, whole_plate(scene), every=20 * 64 + 28)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*builtin.names(), *hard_cases.names(giants=False)])
 def test_whole_plates_by_direction_equal_those_by_hogels(name: str) -> None:
     scene = small(name, (9, 7), (40, 32))
-    columns, rows = map(range, scene.plate.hogels)
-    assert_equal_to_hogels(scene, PlateTile(plate=scene.plate, columns=columns, rows=rows))
+    assert_equal_to_hogels(scene, whole_plate(scene))
 
 
 def first_triangles(scene: Scene, lines: PixelLines) -> np.ndarray:
@@ -126,7 +110,7 @@ def first_triangles(scene: Scene, lines: PixelLines) -> np.ndarray:
 
 def test_negated_flipped_and_shifted_lines_differ() -> None:
     scene = small("asymmetric", (24, 20), (16, 12))
-    tile = PlateTile(plate=scene.plate, columns=range(24), rows=range(20))
+    tile = whole_plate(scene)
     lines = TileLines(scene.frustum, tile).of_pixel((3, 2))
     right = first_triangles(scene, lines)
     wrong = {
@@ -142,7 +126,7 @@ def test_negated_flipped_and_shifted_lines_differ() -> None:
 def test_means_over_several_samples_are_refused() -> None:
     scene = small("asymmetric", (4, 3), (4, 4))
     sampled = replace(scene, sampling=Sampling(supersample=2))
-    tile = PlateTile(plate=scene.plate, columns=range(4), rows=range(3))
+    tile = whole_plate(scene)
     with pytest.raises(InputError, match="several samples"):
         next(Reference(sampled).by_directions(tile, [(0, 0)]))
     next(Reference(sampled).by_directions(tile, [(0, 0)], colored=False))
@@ -153,10 +137,8 @@ def test_means_over_several_samples_are_refused() -> None:
     [
         ("asymmetric", (9, 8)),
         ("asymmetric-recentered", (9, 8)),
-        ("hard/screen-near-plate", (9, 8)),
         ("hard/duplicates", (9, 8)),
         ("hard/surface-through-aperture", (8, 8)),
-        ("hard/vertex-on-aperture", (8, 8)),
         pytest.param("hard/edge-through-aperture", (64, 64), marks=pytest.mark.slow),
     ],
 )
@@ -177,7 +159,7 @@ def test_hogels_of_a_decided_tile_keep_every_bit_of_truth_and_gaps(
             own = [decided.gaps(aperture, before) for before in (None, ours)]
             pairs = [(getattr(truth, n), getattr(ours, n)) for n in (*CHANNELS, "overruled")]
             for expected, value in [*pairs, *zip(gaps, own, strict=True)]:
-                assert np.ascontiguousarray(value).tobytes() == expected.tobytes()
+                assert_same_bytes(value, expected)
             ties = [set(map(tuple, image.tied_triangles.tolist())) for image in (truth, ours)]
             assert ties[0] == ties[1]
 
@@ -192,13 +174,11 @@ def test_hogels_beside_a_decided_tile_are_decided_alone() -> None:
     assert (decided.gaps(inside) == reference.gaps(inside)).all(), "a tile without gaps"
 
 
-def aimed_triangles(
-    lines: PixelLines, random: np.random.Generator, side: tuple[int, int]
-) -> np.ndarray:
+def aimed_triangles(lines: PixelLines, random: np.random.Generator, side: int) -> np.ndarray:
     """Return a triangle for each line, with an extreme corner on the line up to rounding.
 
-    The other two corners lie toward `side` in x and y, so that the first corner ends the triangle's
-    projection.
+    The other two corners lie toward larger (`side` 1) or smaller (-1) x and y, so that the first
+    corner ends the triangle's projection.
     """
     points, directions = lines.points().reshape(-1, 3), lines.directions().reshape(-1, 3)
     nearest, farthest = lines.s_range
@@ -207,16 +187,12 @@ def aimed_triangles(
     reach = 0.4 * np.array(lines.pitch)
     corners = np.repeat(first[:, None], 3, axis=1)
     corners[:, 1, :2] += side * reach * random.uniform(0.2, 1.0, (len(points), 2))
-    corners[:, 2, 0] += side[0] * reach[0] * random.uniform(0.2, 1.0, len(points))
+    corners[:, 2, 0] += side * reach[0] * random.uniform(0.2, 1.0, len(points))
     return corners
 
 
-@pytest.mark.parametrize(
-    ("side", "screen"), thinned(product(((1, 1), (-1, -1)), (None, 77.0, -77.0)), 2)
-)
-def test_corners_on_lines_are_decided_as_in_rationals(
-    screen: float | None, side: tuple[int, int]
-) -> None:
+@pytest.mark.parametrize("screen", [None, 77.0, -77.0])
+def test_corners_on_lines_are_decided_as_in_rationals(screen: float | None) -> None:
     """Boxes and rows need margins: else a corner one rounding off a line loses its pixel."""
     frustum = Frustum(
         resolution=(7, 5),
@@ -227,7 +203,7 @@ def test_corners_on_lines_are_decided_as_in_rationals(
     plate = Plate(size=(39.0, 31.0), hogels=(26, 21))
     tile = PlateTile(plate=plate, columns=range(26), rows=range(21))
     met = 0
-    for seed, pixel in enumerate([(0, 1), (5, 4), (2, 0)]):
+    for seed, (pixel, side) in enumerate([((0, 1), 1), ((5, 4), -1), ((2, 0), -1)]):
         lines = TileLines(frustum, tile).of_pixel(pixel)
         triangles = aimed_triangles(lines, np.random.default_rng(seed), side)
         decided = Certifier(Triangles(triangles), lines).decide(range(21))

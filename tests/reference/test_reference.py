@@ -15,25 +15,18 @@ POSITION = 1e-12
 PIXELS = 60  #: random pixels of each image that are compared with rational numbers
 
 CASES = [
-    ("car", (48, 36), (40, 30)),
     ("car", (36, 48), (17, 52)),
-    ("car-recentered", (48, 36), (0, 0)),
-    ("asymmetric", (96, 96), (40, 30)),
     ("asymmetric", (95, 64), (80, 7)),
-    ("asymmetric-recentered", (96, 72), (40, 30)),
-    ("asymmetric-recentered", (96, 72), (80, 60)),
-    ("asymmetric-recentered", (96, 72), (3, 55)),
-    ("crossing", (64, 64), (40, 30)),
     ("crossing", (64, 64), (29, 12)),
-    ("large-triangles", (96, 96), (40, 30)),
     ("sheets", (96, 96), (38, 33)),
+    ("asymmetric-recentered", (96, 72), (3, 55)),
+    ("large-triangles", (96, 96), (40, 30)),
     ("beetle", (48, 36), (11, 44)),
-    ("teapot-recentered", (96, 72), (0, 0)),
     ("teapot-recentered", (72, 96), (77, 60)),
 ]
 
 
-@pytest.mark.parametrize(("name", "resolution", "aperture"), thinned(CASES, 4))
+@pytest.mark.parametrize(("name", "resolution", "aperture"), thinned(CASES, 3, 1))
 def test_every_line_shows_what_brute_force_shows(
     name: str, resolution: tuple[int, int], aperture: tuple[int, int]
 ) -> None:

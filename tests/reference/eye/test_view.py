@@ -51,16 +51,6 @@ def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(name: str) -
     assert count >= 100
 
 
-def exact_ray(
-    scene: Scene, eye: Eye, column: int, row: int
-) -> tuple[list[Fraction], list[Fraction]]:
-    """Return a ray's eye and plate point by definition: centers of equal cells of the plate."""
-    (width, height), (across, down) = map(Fraction, scene.plate.size), eye.resolution
-    target = [Fraction(2 * column + 1, 2 * across) * width - width / 2]
-    target += [height / 2 - Fraction(2 * row + 1, 2 * down) * height, Fraction(0)]
-    return [Fraction(value) for value in eye.position], target
-
-
 def film(scene: Scene, column: int, row: int) -> tuple[Floats, Floats]:
     """Return shear and half-extent of a hogel's film by definition."""
     screen, aperture = scene.frustum.screen, scene.plate.aperture(column, row)
@@ -73,12 +63,19 @@ def film(scene: Scene, column: int, row: int) -> tuple[Floats, Floats]:
 def expected_pixel(
     scene: Scene, eye: Eye, column: int, row: int
 ) -> tuple[int, int, int, int] | None:
-    """Return the hogel and the pixel that a ray meets, in rational numbers; None if none."""
-    start, target = exact_ray(scene, eye, column, row)
-    slope = [(target[axis] - start[axis]) / start[2] for axis in range(2)]
-    size, hogels = [Fraction(s) for s in scene.plate.size], scene.plate.hogels
-    i = int((target[0] + size[0] / 2) * hogels[0] / size[0])
-    j = int((size[1] / 2 - target[1]) * hogels[1] / size[1])
+    """Return the hogel and the pixel that a ray meets, in rational numbers; None if none.
+
+    Rays meet the plate at the centers of equal cells, shares (`right`, `down`) of its size.
+    """
+    right, down = (
+        Fraction(2 * number + 1, 2 * count)
+        for number, count in zip((column, row), eye.resolution, strict=True)
+    )
+    i, j = int(right * scene.plate.hogels[0]), int(down * scene.plate.hogels[1])
+    width, height = map(Fraction, scene.plate.size)
+    target = (right - Fraction(1, 2)) * width, (Fraction(1, 2) - down) * height
+    x, y, z = map(Fraction, eye.position)
+    slope = (target[0] - x) / z, (target[1] - y) / z
     shear, half_extent = film(scene, i, j)
     u, v = (
         (slope[axis] - Fraction(shear[axis])) / Fraction(half_extent[axis]) for axis in range(2)

@@ -69,7 +69,7 @@ def crossings(triangles: Floats, point: Floats) -> int:
             return count
 
 
-@examples(60)
+@examples(40)
 @given(st.data(), tetrahedra())
 def test_points_are_located_as_by_rationals(data: st.DataObject, triangles: Floats) -> None:
     """Test points at vertices, above and below them, on edges and faces, and elsewhere."""

@@ -138,7 +138,7 @@ def test_a_vertex_without_triangles_may_lie_anywhere(box: trimesh.Trimesh) -> No
     assert np.array_equal(first.t, expected.t, equal_nan=True)
 
 
-@pytest.mark.parametrize("distance", [1e13, 1e60, 1e300])
+@pytest.mark.parametrize("distance", [1e13, 1e300])
 def test_rays_from_afar_meet_the_same_triangles(distance: float) -> None:
     """Parallel rays, some through vertices; exact integers decide the few pairs that remain."""
     ball = trimesh.creation.icosphere(subdivisions=3)
@@ -190,11 +190,9 @@ def test_empty_results_are_valid() -> None:
         (([[0, 0, 0]] * 2, [[0, 0, 1], [0, np.inf, 0]]), "ray_directions: ray 1 is .*inf"),
         (([[0, 0, 0]] * 2, [[0, 0, 1], [0, 0, 0]]), "ray 1 is .*no direction"),
         (([[0, 0, 0]] * 2, UP), "1 directions for 2 origins"),
-        (("rays", UP), "ray_origins: not an array of numbers"),
         (([["0", "0", "0"]], UP), "ray_origins: not an array of numbers but of <U1"),
         (([[0, 0, 1j]], UP), "ray_origins: not an array of numbers but of complex128"),
         (([[0, 0, 0]], np.array(UP, dtype=object)), "ray_directions: .* but of object"),
-        (([[0, 0, None]], UP), "ray_origins: .* but of object"),
         (([[0, 0], [0, 0, 0]], UP), "ray_origins: rows differ in length"),
     ],
 )

@@ -7,6 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tests.support.brute_force import exact_s
+from xfrustum.reference.rays.rays import RayBatch
 from xfrustum.scenes.arrays import Floats
 
 GRID = st.integers(-4, 4).map(lambda n: n / 2)
@@ -19,18 +20,16 @@ MIXED = st.sampled_from([1.0, 1.0, 1.0, 0.0, 1e-30, 1e-9, 1e9, 1e30])
 
 @dataclass(frozen=True)
 class Problem:
-    """Triangles (F, 3, 3), rays' origins and directions (N, 3), and their closed ranges (N, 2)."""
+    """Triangles (F, 3, 3), and rays with their closed ranges of t."""
 
     triangles: Floats
-    origins: Floats
-    directions: Floats
-    ends: Floats
+    rays: RayBatch
 
     def hits(self, ray: int) -> list[tuple[Fraction, int]]:
         """Return t and triangle of all hits of a ray, nearest first, by Cramer's rule."""
-        first, last = self.ends[ray].tolist()
+        first, last = self.rays.ends[ray].tolist()
         met = (
-            (exact_s(corners, self.origins[ray], self.directions[ray]), number)
+            (exact_s(corners, self.rays.origins[ray], self.rays.directions[ray]), number)
             for number, corners in enumerate(self.triangles)
         )
         return sorted((t, number) for t, number in met if t is not None and first <= t <= last)
@@ -86,9 +85,9 @@ def problems(draw: st.DrawFn) -> Problem:
     count = len(origins)
     first = draw(st.sampled_from([0.0, 0.0, 0.0, 0.5, -np.inf, -1.0]))
     last = draw(st.sampled_from([np.inf, np.inf, 1.0, 2.0]))
-    return Problem(
-        triangles=mesh,
+    rays = RayBatch(
         origins=np.array(origins).reshape(count, 3),
         directions=np.array(directions).reshape(count, 3),
         ends=np.tile([first, last], (count, 1)),
     )
+    return Problem(triangles=mesh, rays=rays)

@@ -11,12 +11,7 @@ from tests.support.long_tail import thinned
 from tests.support.views import view
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.lines import crossed_frustum
-from xfrustum.reference.llvm import (
-    Version,
-    accepted_llvm,
-    asked_version,
-    mitsuba_backend,
-)
+from xfrustum.reference.llvm import Version, accepted_llvm, mitsuba_backend
 from xfrustum.reference.tracers import mitsuba_scene, register_sensor, sensor_parameters
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.scene import Scene
@@ -114,26 +109,22 @@ class TestSensor:
         assert np.all(result.pvalue > 1e-4 / np.count_nonzero(lit))
 
 
-def versions_of(*known: tuple[str, Version]) -> dict[Path, Version]:
-    return {Path(name): version for name, version in known}
-
-
 class TestLlvm:
-    def test_a_library_with_a_rejected_name_is_not_loaded(self) -> None:
-        request: list[Path] = []
-        names = [*(f"libLLVM-{n}.so.1" for n in (11, 13, 14, 15, 16)), "libLLVM.so.16.0"]
-        assert accepted_llvm(map(Path, names), request.append) is None
-        assert request == []
-
-    def test_llvm_19_is_tried_first_then_the_nearest_version(self) -> None:
-        known = versions_of(*((f"libLLVM-{n}.so", (n, 1, 0)) for n in (22, 17, 14, 20, 19, 15, 18)))
+    def test_llvm_19_is_tried_first_then_the_nearest_accepted_version(self) -> None:
+        numbers = (22, 17, 14, 20, 19, 15, 18)
+        known: dict[Path, Version] = {Path(f"libLLVM-{n}.so"): (n, 1, 0) for n in numbers}
         taken = []
         while (library := accepted_llvm(known, known.get)) is not None:
             taken.append(known.pop(library)[0])
         assert taken == [19, 18, 20, 17, 22]
 
+    def test_a_library_with_a_rejected_name_is_not_loaded(self) -> None:
+        loaded: list[Path] = []
+        names = [*(f"libLLVM-{n}.so.1" for n in (11, 13, 14, 15, 16)), "libLLVM.so.16.0"]
+        assert accepted_llvm(map(Path, names), loaded.append) is None
+        assert loaded == []
+
     def test_files_that_are_no_library_are_passed_over(self, tmp_path: Path) -> None:
         fake = tmp_path / "libLLVM.so.19.1"
         fake.write_text("not a library")
-        assert asked_version(fake) is None
         assert accepted_llvm([fake]) is None
