@@ -13,7 +13,8 @@ from PIL import Image
 from xfrustum import Reference, open_scene
 from xfrustum.scenes import Certainty
 
-# %% Four hard cases. ``xfrustum scenes --hard`` lists all.
+# %%
+# Four hard cases. ``xfrustum scenes --hard`` lists all.
 
 names = (
     "vertices-and-edges",
