@@ -24,7 +24,7 @@ DECISIONS = (CERTIFIED, *TRACERS)
 
 
 class PlainReference(Reference):
-    """Ray tracer of a scene in place of the certified truth; parameters as of `Reference`.
+    """Ray tracer of a scene in place of the certified truth; parameters as for `Reference`.
 
     Raises InputError for a scene with several samples a pixel: these need certified lines.
     """
@@ -68,7 +68,7 @@ class PlainReference(Reference):
             )
         rows = range(crossed_frustum(self.scene.frustum, aperture).resolution[1])
         cameras = model_cameras(self.scene.frustum, aperture, settings)
-        # Each camera is traced separately and overlaid, like its certified counterpart.
+        # The image of each camera is traced separately and overlaid, as in certified images.
         layers = [
             (camera.bundle, uncertified(self.tracer, self.scene, camera.bundle, rows))
             for camera in cameras
@@ -92,7 +92,7 @@ class Decision:
 def open_reference(
     scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None
 ) -> Reference:
-    """Return a scene's reference, certified or by only a tracer; `effects` as in `Reference`.
+    """Return a scene's reference, certified or a tracer's images; `effects` as in `Reference`.
 
     Raises InputError for an unknown tracer, and for a scene that a single tracer does not support.
     """
@@ -112,7 +112,7 @@ class AloneNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AloneFound:
-    """Errors of single tracers against one truth: numbers, and (H, W) pixels by tracer."""
+    """Errors of single tracers against one truth: numbers, and (H, W) masks by tracer."""
 
     numbers: AloneNumbers
     wrong: dict[str, Mask]
@@ -126,7 +126,7 @@ class TracersAlone:
 
     @cached_property
     def _tracers(self) -> dict[str, Tracer]:
-        # Mitsuba is imported with the first truth: other threads of a report work meanwhile.
+        # Import Mitsuba only for the first truth: other threads of a report work meanwhile.
         return {"embree": EmbreeTracer(self._scene), "mitsuba": MitsubaTracer(self._scene)}
 
     def wrong(self, truth: HogelImage, first_row: int = 0) -> dict[str, Mask]:

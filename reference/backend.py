@@ -5,9 +5,9 @@ same source on both and return the same bits. A CUDA driver's compiler may fuse 
 into one rounding; products of doubles that affect a decision are therefore computed by `product`
 (docs/truth.md).
 
-Vectors are sequences of coordinates, each an array with one lane for each point, line or row.
-`drjit.dot` and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as
-bounds assume.
+Vectors are sequences of coordinates. Each coordinate is an array with one lane for each point, line
+or row. `drjit.dot` and `drjit.cross` fuse products with sums; `dot` and `cross` of this module
+round every product and every sum, as the error bounds assume.
 
 Importing this module raises an `InputError` if there is no compiler for kernels.
 """
@@ -26,8 +26,8 @@ from xfrustum.reference.llvm import array_device
 from xfrustum.reference.memory import padded
 from xfrustum.scenes.arrays import Floats
 
-# Dr.Jit uses the LLVM that is named at its first import, so that all other modules import Dr.Jit
-# from here.
+# `array_device` must select the LLVM before the first import of Dr.Jit. All other modules therefore
+# import Dr.Jit from here.
 ARRAYS = array_device()
 
 import drjit as dr  # noqa: E402
@@ -94,8 +94,8 @@ def recording() -> Iterator[None]:
 def on_device(values: NDArray[Any]) -> Any:
     """Return a copy of values of any shape as one flat array of Dr.Jit.
 
-    Other floats become doubles; other integers are clipped to 32 bits, whose smallest and largest
-    value are not triangle numbers.
+    Floats of other types become doubles, and integers of other types are clipped to 32 bits; the
+    smallest and the largest 32-bit integer are not triangle numbers.
     """
     if values.dtype not in _KINDS:
         is_float = values.dtype.kind == "f"
@@ -132,9 +132,8 @@ def interleaved(coordinates: Sequence[Any], shape: tuple[int, ...]) -> NDArray[A
 def product(a: Any, b: Any) -> Any:
     """Return a b, rounded separately from any sum that uses it.
 
-    Dr.Jit leaves it to the CUDA driver's compiler whether a product and a sum are rounded once or
-    twice. A fused a b - 0 is rounded once, has all signs of a b, and nothing else can be fused with
-    it.
+    The CUDA driver's compiler may round a product and a sum once or twice. A fused a b - 0 is
+    rounded once, has the sign of a b even at zero, and cannot be fused with another operation.
     """
     if _MINUS_ZERO is None or Float64 not in (type(a), type(b)):
         return a * b

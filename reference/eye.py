@@ -1,8 +1,8 @@
 """True views and replayed views, with points and color, and the rays of an eye.
 
 The ray from an eye e, at distance L in front of the plate, to the point p of the plate has the
-slope m = (p - e) / L per unit of depth. The hogel whose cell contains p shows film position
-u = (m - k) / t there: a hogel is uniform over its cell.
+slope m = (p - e) / L per unit of depth. At p, the eye sees the film position u = (m - k) / t of the
+hogel whose cell contains p: a hogel is uniform over its cell.
 """
 
 from dataclasses import replace
@@ -28,10 +28,10 @@ NONE = -1
 
 
 def eye_bundle(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle:
-    """Return the rays of an eye's film through its pupil's center, or a point (2,) relative to it.
+    """Return the rays of an eye's film through a point (2,) relative to the center of the pupil.
 
-    Rays of one pixel through different points meet in the plane of focus. Surfaces count within the
-    reach of the plate, and in front of the eye.
+    None is the center. Rays of one pixel through different points meet in the plane of focus.
+    Surfaces count within the reach of the plate, and in front of the eye.
     """
     x, y, height = eye.position
     shear, center = [-x / height, -y / height], [x, y]
@@ -55,8 +55,8 @@ def _pixels_on_axis(
 ) -> tuple[Indices, Indices, Floats]:
     """Return hogel, pixel and weight of each ray along an axis (0: columns, 1: rows).
 
-    `step` is None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted
-    by a tent.
+    `step` is None for the nearest pixel; 0 or 1 for one of the two pixels between which the ray
+    lies, weighted by a tent.
     """
     slope, sign = (bundle.dx, bundle.dy)[axis], (1.0, -1.0)[axis]
     size, hogels, count = (
@@ -65,7 +65,7 @@ def _pixels_on_axis(
         scene.frustum.resolution[axis],
     )
     met = bundle.center[axis] + bundle.center[2] * slope
-    # The hogel whose cell holds the point of the plate; rows count down.
+    # The hogel whose cell contains the point of the plate; rows count down.
     hogel = np.floor((size / 2 + sign * met) * hogels / size)
     hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
     # Places on the film: whole numbers at centers of pixels, NaN outside the film.
@@ -91,7 +91,7 @@ def _pixels_on_axis(
 
 
 def _on_axis(axis: int, number: int) -> tuple[int, int]:
-    """Return a hogel of a column (axis 0) or row, whose hogels share their film on the axis."""
+    """Return a hogel of a column (axis 0) or row; all its hogels have one film along the axis."""
     return (number, 0) if axis == 0 else (0, number)
 
 
@@ -114,7 +114,7 @@ def replay(scene: Scene, eye: Eye) -> Replay:
     points = eye.pupil_points
     both: tuple[tuple[int | None, int | None], ...] = ((None, None),)
     if eye.beam is Beam.TENT:
-        # A tent weighs the two nearest pixels on each axis: four products.
+        # A tent weights the two nearest pixels on each axis: four pairs of a column and a row.
         both = ((0, 0), (0, 1), (1, 0), (1, 1))
     colors = []
     for point in points:
@@ -148,7 +148,7 @@ def _lines_on_axis(
 class EyeReference:
     """Views of eyes in front of a plate, every ray certified; `effects` as for `Reference`.
 
-    Color has one line for each pixel, or point of the pupil: the scene's own sampling is not used.
+    Color has one line for each pixel and point of the pupil: the scene's own sampling is not used.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -186,8 +186,8 @@ class EyeReference:
     def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
         """Return the view of a plate of true hogels, the best that any renderer can show.
 
-        Its pixels equal the pixels of `Reference.trace` of their hogels, bit for bit. It is faster
-        without color (`shaded`).
+        Its pixels equal the pixels that `Reference.trace` returns for their hogels, bit for bit. It
+        is faster without color (`shaded`).
         """
         taken = self.replay(eye)
         width, height = eye.resolution
@@ -217,7 +217,7 @@ class EyeReference:
         return self._image(eye, (triangle, position, certainty), color)
 
     def hidden(self, eye: Eye, points: SurfacePoints) -> Mask:
-        """Return which points are hidden from an eye; see `Occlusion`."""
+        """Return a mask (N,) of points that are hidden from an eye; see `Occlusion`."""
         return self._occlusion.hidden(self.bundle(eye), points)
 
     @cached_property
@@ -239,7 +239,7 @@ class EyeReference:
         point: Floats,
         known: tuple[LineGrid, FirstSurfaces] | None,
     ) -> Floats:
-        """Return the color of hogels' pixels; `known` are their lines and surfaces, if at hand."""
+        """Return the color of hogels' pixels; `known` are lines and surfaces, if computed."""
         grid, decided = known or self._traced(eye, pixels, point)
         places = grid.points() + decided.s[..., None] * grid.directions()
         return self._shader.picture(decided.triangle, places, grid.directions())

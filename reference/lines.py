@@ -31,10 +31,10 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class RayBundle:
-    """All lines of one image: each pixel's line passes through one common point.
+    """All lines of one image: the lines of all pixels pass through a common point.
 
-    The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). An image is
-    defined by these doubles, regardless of the rounding in their computation.
+    The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). These doubles
+    define the image, regardless of the rounding in their computation.
     """
 
     center: Vector  #: The common point in scene units: the aperture, or an offset camera
@@ -80,7 +80,7 @@ class LineGrid:
     #: y, dy: (H,) positions and slopes of the rows' lines
     y: Floats
     dy: Floats
-    #: Only surfaces with s in this closed interval are imaged; the smallest s is the visible one
+    #: Only surfaces with s in this closed interval are imaged; the smallest s is visible
     s_range: tuple[float, float]
 
     @property
@@ -117,9 +117,10 @@ def _spread(across: Floats, down: Floats, height: float) -> Floats:
 class PixelLines(LineGrid):
     """Lines of one pixel of all hogels of a tile: parallel, or through one point of the screen.
 
-    Slopes dx ascend with the columns and dy descend with the rows of the grid; for parallel lines,
-    x and y do. The grid has the order of the tile if `step` is 1, and the reverse order if it is
-    -1, because slopes through a point of a screen behind the plate descend with x.
+    Slopes dx ascend with the columns and slopes dy descend with the rows of the grid; parallel
+    lines have ascending x and descending y. The grid has the order of the tile if `step` is 1, and
+    the reverse order if `step` is -1, because slopes of lines through a point of a screen behind
+    the plate descend with x.
     """
 
     pitch: tuple[float, float]  #: distance of neighboring apertures in x and y
@@ -141,7 +142,7 @@ class PixelLines(LineGrid):
 
 
 class TileLines:
-    """Lines of all pixels of the hogels of a tile, equal in all bits to the hogels' frusta."""
+    """Lines of all pixels of the hogels of a tile, bit for bit the lines of the hogels' frusta."""
 
     def __init__(self, frustum: Frustum, tile: PlateTile) -> None:
         self._frustum, self.tile = frustum, tile
@@ -152,7 +153,7 @@ class TileLines:
         down = [crossed_frustum(frustum, plate.aperture(columns[0], n)) for n in rows[::step]]
         self._x = np.array([bundle.center[0] for bundle in across])
         self._y = np.array([bundle.center[1] for bundle in down])
-        # Slopes of hogels by columns and rows of pixels.
+        # Slopes by column (or row) of pixels, then by column (or row) of hogels.
         self._dx = np.stack([bundle.dx for bundle in across], axis=1)
         self._dy = np.stack([bundle.dy for bundle in down], axis=1)
 
@@ -196,7 +197,7 @@ def pixel_places(points: NDArray[np.floating], bundle: RayBundle) -> Floats:
 
 
 def places_off_center(x: Floats, y: Floats, z: Floats, bundle: RayBundle) -> tuple[Floats, Floats]:
-    """Return column and row, as `pixel_places`, of points (N,) not at the center's height."""
+    """Return the `pixel_places` of points (N,) that are not at the height of the center."""
     # Each step overwrites its input: for whole images, memory traffic dominates the time.
     depth = z - bundle.center[2]
     np.negative(depth, out=depth)
@@ -237,7 +238,7 @@ def film_window(
 
 
 def crossed_frustum(frustum: Frustum, aperture: Aperture) -> RayBundle:
-    """Return the true frustum: every line passes through the aperture, from viewer to back."""
+    """Return the true frustum of an aperture: lines from the viewer's side through the aperture."""
     shear, half_extent = film_window(frustum, aperture)
     return RayBundle(
         center=(aperture.x, aperture.y, 0.0),

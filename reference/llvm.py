@@ -2,7 +2,7 @@
 
 Dr.Jit selects an LLVM at its first import. It refuses version 14, and with 15 and 16 the *process*
 ends inside the first kernel ("Cannot select: ... fmaximum"). This module therefore selects the
-library by version, and sets `DRJIT_LIBLLVM_PATH` before this import.
+library by version, and sets `DRJIT_LIBLLVM_PATH` before Dr.Jit is imported.
 """
 
 import ctypes
@@ -39,8 +39,8 @@ FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
 #: share the machine. Thread pools of ray tracers ignore the CPU affinity of the process.
 THREADS_VARIABLE = "XFRUSTUM_THREADS"
 
-#: Environment variable for the device of Dr.Jit's arrays, and its values; `auto`, the default,
-#: takes CUDA where Dr.Jit has a card
+#: Environment variable for the device of Dr.Jit's arrays, and its values. `auto`, the default,
+#: takes CUDA if the machine has a card
 DEVICE_VARIABLE, DEVICES = "XFRUSTUM_DEVICE", ("auto", "llvm", "cuda")
 
 Version = tuple[int, int, int]
@@ -96,7 +96,7 @@ def thread_limit() -> int | None:
 
 @cache
 def require_llvm() -> None:
-    """Prepare Dr.Jit for the processors, on the allowed threads; InputError without an LLVM."""
+    """Prepare Dr.Jit for CPUs, with the allowed threads; InputError without a usable LLVM."""
     library = prepare_llvm()
     # Without an LLVM, a call of Dr.Jit would print messages.
     version = None if library.startswith("none: ") and library != FOUND_BY_DRJIT else loaded_llvm()
@@ -220,7 +220,7 @@ def accepted_llvm(
 
 
 def named_version(library: Path) -> int | None:
-    """Return the major version in a library's name, links resolved; None if it has none."""
+    """Return the major version in a library's name, with links resolved; None without a version."""
     match = re.search(r"libLLVM(?:\.so\.|-)(\d+)", library.resolve().name)
     return int(match[1]) if match else None
 
@@ -240,7 +240,7 @@ def asked_version(library: Path) -> Version | None:
 def installed_llvms() -> list[Path]:
     """Return the LLVM libraries of the dynamic linker and of the usual folders."""
     libraries: list[Path] = []
-    # Use the loader's list first; folders are for systems without it.
+    # Use the loader's list first, then the folders, for systems without the list.
     ldconfig = shutil.which("ldconfig", path=os.pathsep.join((os.environ.get("PATH", ""), "/sbin")))
     if ldconfig is not None:
         listed = subprocess.run(
@@ -267,7 +267,7 @@ def loaded_llvm() -> Version | None:
 
 
 def cuda_works() -> bool:
-    """Return whether CUDA is to be used, and there is OptiX to trace rays with."""
+    """Return whether CUDA is selected, and OptiX is available for tracing rays."""
     if not _cuda_card():
         return False
     try:

@@ -1,7 +1,7 @@
 """Image of an aperture from decisions along its lines: points, normals, objects, light.
 
-There is one lane of Dr.Jit for each pixel. Layers are the images of single cameras; later ones
-overlay earlier ones.
+There is one lane of Dr.Jit for each pixel. Layers are the images of single cameras; later layers
+are drawn over earlier layers.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Layer:
 
 
 def overlaid(layers: Sequence[Layer]) -> Layer:
-    """Return layers of the same image as one, the last of them on top."""
+    """Combine layers of the same image into one layer, the last on top."""
     below, *others = layers
     for upper in others:
         covers = upper.triangle != NOTHING
@@ -209,7 +209,7 @@ class Pictures:
         normals: bool = True,
         colored: bool = True,
     ) -> DirectionImage:
-        """Compose the image by direction of a pixel from its lines and all of their surfaces."""
+        """Compose the image by direction of a pixel from its lines and their first surfaces."""
         lines, decided = layer
         width, height = lines.resolution
         points = (height, width, 3)
@@ -231,7 +231,8 @@ class Pictures:
             row = UInt32(dr.floor((Float64(lane) + 0.5) / dr.opaque(Float64, width)))
             column = lane - row * dr.opaque(UInt32, width)
             x, y = on_device(lines.x), on_device(lines.y)
-            # Do not use a literal: Dr.Jit would remove the sum, and keep the sign of a zero.
+            # Add a zero that is not a literal: Dr.Jit would remove the sum with a literal zero, and
+            # a product of -0.0 would keep its sign.
             (plate,) = constants((0.0,))
             apertures = dr.gather(Float64, x, column), dr.gather(Float64, y, row), plate
             position = [

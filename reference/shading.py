@@ -4,7 +4,7 @@
 cameras: the eye vector is -d of the pixel's line on both sides of the plate, without a flip, and
 the normal is turned toward it. Between vertices, normals, colors and texture coordinates are
 interpolated linearly in space. Textures are decoded from sRGB, then filtered bilinearly between
-texel centers and repeated, with no mipmaps. There is one lane of Dr.Jit for each point.
+texel centers, without mipmaps, and repeated. There is one lane of Dr.Jit for each point.
 
 **Shadows** are exact for the doubles of point and light (docs/truth.md). A point is in shadow if
 its ray to the light meets a triangle at t > 0. Triangles in the plane of the point's own triangle
@@ -56,15 +56,15 @@ LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 
 class Textures:
     """The pictures of a scene in one table, one texel after the other.
 
-    Each is (H, W, 4) sRGB, row 0 at the top; alpha is ignored. Triangles (F,) have an index,
-    negative for none.
+    Each picture is (H, W, 4) sRGB, row 0 at the top; alpha is ignored. `texture_of_triangle` (F,)
+    has the index of each triangle's picture, negative for none.
     """
 
     def __init__(self, textures: Sequence[Bytes], texture_of_triangle: Numbers) -> None:
         packed = [np.ascontiguousarray(texture).view("<u4").ravel() for texture in textures]
         self._texel = table(np.concatenate([*packed, np.zeros(1)]).astype(np.uint32))
         starts = np.cumsum([0, *(len(part) for part in packed)])
-        # Start, height and width; the row after the last stands for a scene without pictures.
+        # Start, height and width of each picture. A last row serves scenes without pictures.
         sizes = [texture.shape[:2] for texture in textures]
         self._sizes = table(
             np.array(
@@ -76,7 +76,7 @@ class Textures:
         self._linear = table(LINEAR)
 
     def color(self, triangle: Any, uv: Sequence[Any]) -> list[Any]:
-        """Return the linear RGB of points on triangles; 1 where a triangle has no picture.
+        """Return the linear RGB of points on triangles; 1 for triangles without a picture.
 
         `uv` are in units of the picture: u to the right, v up, repeated beyond 0 to 1.
         """
@@ -105,13 +105,13 @@ class Surroundings:
     def radiance(self, directions: Sequence[Any]) -> list[Any]:
         """Return the environment's linear RGB in each direction, of any length but zero.
 
-        The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle.
-        Between texel centers it is filtered bilinearly: around in longitude, clamped beyond its
-        first and last row.
+        The middle of the map lies toward -z, its top toward +y; +x is to the right of the middle.
+        The map is filtered bilinearly between texel centers, repeated in longitude, and clamped
+        beyond its first and last row.
         """
         x, y, z = directions
         longitude = dr.atan2(x, -z)
-        # The arc tangent is accurate near the poles, where the arc cosine of y is not.
+        # Near the poles, the arc tangent is accurate, and the arc cosine of y is not.
         from_top = dr.atan2(dr.hypot(x, z), y)  # type: ignore[no-untyped-call]
 
         def texel(row: Any, column: Any) -> list[Any]:
@@ -138,8 +138,8 @@ def radiance_toward(environment: Environment, directions: Floats) -> Floats:
 def _bilinear(texel: Callable[[Any, Any], list[Any]], down: Any, right: Any) -> list[Any]:
     """Return the channels between the centers of the four texels about each point.
 
-    `texel` looks up whole rows and columns, as doubles, also outside of the picture. Places count
-    from its top left corner; texel centers lie at halves.
+    `texel` looks up rows and columns, whole numbers as doubles, also outside of the picture. `down`
+    and `right` count texels from the top left corner of the picture; texel centers lie at halves.
     """
     row, column = dr.floor(down - 0.5), dr.floor(right - 0.5)
     below, right_share = down - 0.5 - row, right - 0.5 - column
@@ -159,16 +159,16 @@ def _repeated(index: Any, size: Any) -> Any:
 
 
 def _bounded(index: Any, last: Any) -> Any:
-    """Return whole numbers clipped to 0 and a last one, 0 for NaN: indices within a table."""
+    """Return whole numbers clipped to 0 and `last`, 0 for NaN: indices within a table."""
     index = dr.select(index > 0.0, index, 0.0)
     return dr.select(index < last, index, last)
 
 
 TERMS = ("ambient", "diffuse", "specular", "reflectivity")  #: names of a material's coefficients
 
-#: Smallest logarithm to base 2 of a power. `exp2` of Dr.Jit 1.5, and with it `power`, returns minus
-#: infinity for some results below the smallest double of full precision, 2^-1022. A radiance of
-#: 2^-1000 is negligible.
+#: Smallest logarithm to base 2 of a power. `exp2` and `power` of Dr.Jit 1.5 return minus infinity
+#: for some results below the smallest double of full precision, 2^-1022. A radiance of 2^-1000 is
+#: negligible.
 MIN_LOG2 = -1000.0
 
 #: Largest number of binary digits of integer exponents for which squarings are faster than a
@@ -178,7 +178,7 @@ MAX_SQUARING_DIGITS = 10
 
 
 class LightModel:
-    """Light model on the surfaces of a scene for some effects; 1 channel if all is gray, else 3."""
+    """Light model of a scene's surfaces for some effects; 1 channel in a gray scene, else 3."""
 
     def __init__(self, scene: Scene, effects: frozenset[Effect], channels: int) -> None:
         self._effects, self._channels = effects, channels
@@ -198,7 +198,7 @@ class LightModel:
                 table(surface.uv),
             )
         self._corners = _Corners(scene) if self._normals or self._colors or self._pictures else None
-        # Exponent and coefficients of all terms, once for each distinct material.
+        # Store exponent and coefficients of all terms once for each distinct material.
         materials = list(dict.fromkeys(scene.materials))
         number = {material: np.int32(index) for index, material in enumerate(materials)}
         of_object = np.array([number[material] for material in scene.materials], dtype=np.int32)
@@ -266,7 +266,7 @@ class LightModel:
         return color
 
     def _surface(self, triangle: Any, position: Vector, flat: Vector) -> tuple[Vector, Vector]:
-        """Return unit normals for shading, by the winding, and albedo (vertex color, texture)."""
+        """Return unit normals for shading, on the winding's side, and albedo (color, texture)."""
         normal: Vector = flat
         albedo: list[Any] = [1.0] * self._channels
         if self._corners is None:
@@ -294,7 +294,7 @@ class LightModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Places:
-    """Points on triangles: vertex numbers, and barycentric weights of second and third corner."""
+    """Points on triangles: vertex numbers, and barycentric weights of corners two and three."""
 
     corners: Sequence[Any]
     of_second: Any
@@ -346,8 +346,8 @@ def smooth_normals(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
 def _smoothed(where: _Places, vertex_normals: Table, flat: Vector) -> list[Any]:
     """Return unit normals interpolated between vertices; the flat normal where a corner has none.
 
-    Normals that cancel each other give the flat normal too: there is no direction between opposite
-    ones.
+    Normals that cancel each other also give the flat normal, because opposite normals have no
+    direction between them.
     """
     normal = where.interpolated(vertex_normals)
     length = dr.sqrt(dot(normal, normal))
@@ -359,7 +359,7 @@ def _smoothed(where: _Places, vertex_normals: Table, flat: Vector) -> list[Any]:
 
 
 def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
-    """Return the power where a mask is true, else zero; `digits` belong to the largest exponent."""
+    """Return the power where a mask is true, else zero; the largest exponent has `digits`."""
     if digits is not None and digits <= MAX_SQUARING_DIGITS:
         whole, power = UInt32(exponent), Float64(1.0)
         for digit in range(digits):

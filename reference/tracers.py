@@ -293,7 +293,7 @@ class _FilmLines:
         return f"aperture = {self.aperture}, shear = {self.shear}, reach = {self.reach}"
 
     def through(self, film: Any, position: Any) -> tuple[Any, Any, Any]:
-        """Return the viewer's end, unit direction and length of a film position's line."""
+        """Return start (on the viewer's side), unit direction and length of a position's line."""
         mi, dr = self.mi, self.dr
         start, window = self._crop_window(film)
         x, y = position.x * window.x + start.x, position.y * window.y + start.y
@@ -308,8 +308,8 @@ class _FilmLines:
         """Aim from a point in the scene at the viewer's end of its own line, for light tracing.
 
         One line of the whole film passes through each point. The weight turns an integral over
-        surfaces into one over the film: u and v vary by dx / (2 s tx) and dy / (2 s ty), and a
-        surface is seen from d foreshortened by |d| against the plane of the plate.
+        surfaces into an integral over the film: u and v, as parts of the film, vary by
+        dx / (2 s tx) and dy / (2 s ty), and areas across d are 1 / |d| of areas along the plate.
         """
         mi, dr = self.mi, self.dr
         offset = it.p - self.aperture
@@ -332,7 +332,7 @@ class _FilmLines:
         return sample, mi.Spectrum(weight)
 
     def _crop_window(self, film: Any) -> tuple[Any, Any]:
-        """Return where a film's crop window begins and its size, as parts of the whole film."""
+        """Return start and size of a film's crop window, as parts of the whole film."""
         mi = self.mi
         whole = mi.Vector2f(film.size())
         return mi.Vector2f(film.crop_offset()) / whole, mi.Vector2f(film.crop_size()) / whole
@@ -346,7 +346,7 @@ def _registered(variant: str) -> type:
     box = mi.BoundingBox3f if variant.startswith("scalar") else mi.ScalarBoundingBox3f
 
     class CrossedFrustum(mi.Sensor):  # type: ignore[misc, name-defined]  # comes with a variant
-        """Every line passes through the aperture, from the viewer's end to the far one."""
+        """Sensor whose lines pass through the aperture, from the viewer's end to the far end."""
 
         def __init__(self, props: Any) -> None:
             super().__init__(props)

@@ -3,20 +3,21 @@
 Shadows alone need no paths: they are decided exactly (`shading`). Mitsuba traces interreflection,
 with shadows or without, and direct light as a second opinion.
 
-Paths start at the reference's samples: the centers of `supersample` x `supersample` cells of each
-pixel, one of them at random for each path. The mean over many paths therefore differs from the mean
-of `Reference.trace` only by light transport and noise. Points and their light are in double
-precision; only rays are single. The formulas of `shading` are written a second time on purpose:
-each checks the other.
+Paths start at the reference's samples: each path takes, at random, one of the centers of
+`supersample` x `supersample` cells of its pixel. The mean over many paths therefore differs from
+the mean of `Reference.trace` only by light transport and noise. Points and their light are in
+double precision; only rays are in single precision. The formulas of `shading` are written a second
+time on purpose, so that the two versions check each other.
 
 CONVENTIONS.md, "Light", defines the surfaces. A light of color I has the irradiance pi I on a
 surface that faces it, so that a diffuse surface of coefficient d and albedo a scatters the share d
 a of the incident light, and shows d a / pi of its irradiance. Hence, with interreflection:
 
 * diffuse light adds d a times the mean of the radiance that arrives over the hemisphere, by cosine;
-* a mirror shows the surface in the mirrored direction, and the environment only if there is none;
-* only lights make highlights; another surface sends its whole radiance: ambient, diffuse,
-  highlights, reflection. The ambient term stays constant, as if the surface glowed.
+* a mirror shows the surface in the mirrored direction, or the environment if there is no surface;
+* only lights make highlights. The light that comes from another surface is its whole radiance:
+  ambient, diffuse, highlights, reflection. The ambient term stays constant, as if the surface
+  glowed.
 
 Surfaces beyond the reach are not imaged, but they cast shadows and send light.
 """
@@ -172,7 +173,7 @@ class Surfaces:
             self._textures = pictures, Table(np.pad(surface.uv, ((0, 0), (0, 1))))
 
     def point(self, triangle: Any, origin: Any, direction: Any) -> Point:
-        """Return where lines, of any length, meet triangles' planes, with the visible side."""
+        """Return the points where lines meet triangles' planes; any length of `direction`."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         face = [self._faces.number(3 * triangle + corner) for corner in range(3)]
         a, b, c = (self._vertices.vector(corner) for corner in face)
@@ -202,7 +203,7 @@ class Surfaces:
         normal, albedo = flat, mi.Vector3d(1.0)
         if self._vertex_normals is not None:
             smooth = between(self._vertex_normals)
-            # The flat normal where a corner has none, which makes the sum NaN, and where normals
+            # Use the flat normal if a corner has no normal, so that the sum is NaN, or if normals
             # cancel.
             defined = dr.squared_norm(smooth) > 0.0
             normal = dr.normalize(dr.select(defined, smooth, flat))
@@ -230,7 +231,7 @@ def _repeated(index: Any, size: Any) -> Any:
 
 
 def _between_texels(texel: Callable[[Any, Any], Any], down: Any, right: Any) -> Any:
-    """Mix the four texels about a place, whose centers lie at halves."""
+    """Mix the four texels about a place; centers of texels lie at halves."""
     dr = mitsuba_backend().drjit
     row, column = dr.floor(down - 0.5), dr.floor(right - 0.5)
     below, right_share = down - 0.5 - row, right - 0.5 - column
@@ -244,13 +245,13 @@ SINGLE = 2.0**-24
 
 #: Distance of rays' starts from their surface, in roundings of the scene's largest coordinate, on
 #: the visible side, so that a surface does not hide itself. Rounding a triangle's corners and the
-#: start to float32 moves them against each other by up to 2 sqrt(3). From corners relative to the
-#: start, up to 2 sqrt(3) long, Embree computes the side of the plane that a ray starts on with 6
-#: roundings. The sum is 25, and 64 leaves a factor of two. Shadows nearer to their caster than this
-#: distance, some 4e-6 of the scene's size, are lost.
+#: start to float32 moves them relative to each other by up to 2 sqrt(3) roundings. Embree computes
+#: the side of the plane on which a ray starts, with 6 roundings, from corners relative to the
+#: start; these are up to 2 sqrt(3) long. The sum is 25, and 64 leaves a factor of two. Shadows
+#: closer to their caster than this distance, some 4e-6 of the scene's size, are lost.
 CLEARANCE = 64
 
-#: Bounces of every path, and largest chance to go on after them (Russian roulette)
+#: Number of bounces without Russian roulette; its largest probability that a path goes on
 FREE_BOUNCES, MAX_CHANCE = 3, 0.95
 
 #: Logarithm below which a power is taken as zero: it is 1e-304, and float64 ends at 1e-308
@@ -261,7 +262,7 @@ MAX_BOUNCES = 128
 
 
 class LightPaths:
-    """A scene with at least one triangle in Mitsuba, and the light paths through it."""
+    """A scene of at least one triangle, loaded into Mitsuba, and light paths through it."""
 
     def __init__(self, scene: Scene) -> None:
         self.scale = unit_scale(scene.vertices)
@@ -331,7 +332,8 @@ class LightPaths:
             highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
             lit = active & (cosine > 0.0)
             if transport.shadows:
-                # A triangle does not hide a light below its own plane that its smooth normal faces.
+                # A smooth normal may face a light below the triangle's own plane. The triangle does
+                # not hide this light.
                 under = dr.dot(point.side, toward) <= 0.0
                 lit = lit & (under | self._sees(point, toward, lit))
             shown = mi.Vector3d(*light.color) * (diffuse * cosine + specular * highlight)
@@ -354,7 +356,7 @@ class LightPaths:
         return active & ~self._scene.ray_test(ray, active)
 
     def _scattered(self, point: Point, sampler: Any, active: Any) -> tuple[Any, Any, Any]:
-        """Return a random direction toward light of other surfaces, its weight, and activity."""
+        """Return a random direction of scattering, its weight, and whether the path goes on."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         diffuse = self._material.diffuse.vector(point.object) * point.albedo
         mirror = self._material.reflectivity.vector(point.object)
@@ -378,14 +380,14 @@ class LightPaths:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """Return a power of a cosine; zero where Dr.Jit's own is minus infinity or NaN."""
+    """Return a power of a cosine; zero where Dr.Jit's function gives minus infinity or NaN."""
     dr = mitsuba_backend().drjit
     base = dr.minimum(base, 1.0)
     within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > MIN_LOGARITHM)
     return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)
 
 
-#: light paths of one launch, which bounds memory: 200 bytes a path
+#: largest number of light paths of one launch: each path takes 200 bytes of memory
 PATHS_AT_ONCE = 1 << 20
 
 
@@ -393,8 +395,8 @@ PATHS_AT_ONCE = 1 << 20
 class RadianceEstimate:
     """A picture (H, W, 3) in linear RGB from `samples` random light paths a pixel, and its noise.
 
-    The variance of the mean (H, W, 3) is estimated from its own samples: zero where all of them
-    agree, as in pixels that are not supersampled and without interreflection.
+    The variance of the mean (H, W, 3) is estimated from the samples. It is zero where all samples
+    agree, as in pixels without supersampling and without interreflection.
     """
 
     mean: Floats
@@ -423,7 +425,7 @@ class PathTracer:
 
     @cached_property
     def _shaders(self) -> tuple[Shader, ShadowedShader]:
-        """Direct light without shadows, and with exact ones."""
+        """Shaders of direct light: without shadows, and with exact shadows."""
         return Shader(self.scene), ShadowedShader(self.scene)
 
     def _direct(self, aperture: Aperture, *, shadows: bool) -> Floats:
@@ -437,8 +439,9 @@ class PathTracer:
     ) -> RadianceEstimate:
         """Return the radiance through the middle of an aperture; equal seeds give equal paths.
 
-        Direct light can be `exact`, without paths and noise, with shadows and without; by default
-        it is with shadows alone. Without shadows both ways agree to the rounding of colors.
+        Direct light, with or without shadows, can be `exact`: without paths and noise. By default
+        it is exact if shadows are the only light transport. Without shadows, exact light and light
+        paths agree to the rounding of colors.
         """
         if exact is None:
             exact = transport.shadows and not transport.interreflection
@@ -476,8 +479,8 @@ class PathTracer:
 class _PathStarts:
     """Lines of one image; a path takes one of the lines of its pixel at random.
 
-    The sensor aims rays in float32, which hit the surface. Its light is computed in double
-    precision, along the line that the reference decides. Lengths are multiplied by a scale.
+    The sensor's rays, in float32, hit a surface. The light of the surface is computed in double
+    precision, along the line of the reference. Lengths are multiplied by a scale.
     """
 
     def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
@@ -525,7 +528,7 @@ class _Moments:
         self._squares = np.zeros((pixels, 3))
 
     def add(self, colors: Floats) -> None:
-        """Take samples (pixels, n, 3) into account."""
+        """Add samples (pixels, n, 3)."""
         own = colors.mean(axis=1)
         apart, count = own - self.mean, self._count + colors.shape[1]
         self._squares += ((colors - own[:, None]) ** 2).sum(axis=1)

@@ -180,9 +180,9 @@ def _touched(corners: Floats, tile: PlateTile) -> Mask:
 class Reference:
     """The ground truth of a scene: the true images of its crossed frusta.
 
-    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always by
-    `certify`. `effects` are the evaluated effects of light; None selects all that the scene needs.
-    Raises InputError for an unknown tracer or effect.
+    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; decisions are always made by
+    `certify`. `effects` are the evaluated effects of light; None selects all effects that the scene
+    needs. Raises InputError for an unknown tracer or effect.
     """
 
     def __init__(
@@ -218,7 +218,7 @@ class Reference:
 
     @cached_property
     def _certifiers(self) -> Callable[[RayBundle], Certifier]:
-        # An image and its gaps share their boxes, the larger part of the work for few pixels.
+        # An image and its gaps share their boxes: for few pixels, boxes are most of the work.
         return lru_cache(maxsize=2)(lambda bundle: Certifier(self._triangles, bundle))
 
     def _certifier(self, bundle: RayBundle, *, gaps: bool = False) -> Certifier | HogelDecisions:
@@ -231,10 +231,10 @@ class Reference:
     def with_tile(self, tile: PlateTile, *, gaps: bool = False) -> Self:
         """Return a reference that has decided all hogels of a tile, with the same bits.
 
-        Directions are decided one by one, in some 13 bytes for each pixel of all hogels,
-        and 16 more with the `gaps` that predictions of depth errors read.
+        Directions are decided one by one. The decisions take some 13 bytes for each pixel of each
+        hogel, and 16 more with `gaps`, which predictions of depth errors need.
         """
-        # The copy shares what both need.
+        # Compute cached properties first, so that the copy shares them.
         _ = self._triangles, self._occlusion, self._certifiers
         other = copy(self)
         other._tile = TileDecisions(self._triangles, self.scene.frustum, tile, gaps=gaps)
@@ -260,11 +260,11 @@ class Reference:
     ) -> HogelImage:
         """Return the true image of an aperture (paper, section 3: one frustum that crosses itself).
 
-        `sampling` are the points that average color, None for the scene's own; without color
-        (`colored`) the image is made faster.
+        `sampling` are the points over which color is averaged, None for the scene's own. An image
+        without color (`colored`) is made faster.
         """
         one_of(aperture, Aperture, "aperture")
-        # Bands of means are smaller: they hold sums of all samples of a pixel.
+        # Averaged color needs smaller bands, because all samples of a band are in memory.
         if colored and averages(self.scene.sampling if sampling is None else sampling):
             image = stacked(list(self.trace_bands(aperture, sampling)))
         else:
@@ -283,7 +283,7 @@ class Reference:
         # Color is averaged over pixels' boxes and over the aperture (paper, section 6).
         apertures = sub_apertures(self.scene.plate, aperture, sampling.aperture)
         row, side = 0, points_per_side(sampling)
-        # Surfaces are those at pixel centers through the middle of the aperture.
+        # Surfaces are decided only at pixel centers, through the middle of the aperture.
         for band in self._bands(aperture, AVERAGED_PIXELS, colored=False):
             rows = range(row, row := row + len(band.triangle))
             color = mean_color(self.scene, self._triangles, self._shader, apertures, side, rows)
@@ -308,7 +308,8 @@ class Reference:
 
         Each pixel has the bits that `trace` returns with one sample a pixel. The lines of one
         direction are parallel, or pass through a point of the screen, so that boxes and planes of
-        triangles serve all hogels (docs/truth.md, "By directions"). InputError if colors are means.
+        triangles serve all hogels (docs/truth.md, "By directions"). InputError if the scene
+        averages colors over samples.
         """
         if averages(self.scene.sampling) and colored:
             raise InputError(
@@ -326,7 +327,7 @@ class Reference:
     def _bands(
         self, aperture: Aperture, pixels: int, *, colored: bool = True
     ) -> Iterator[HogelImage]:
-        """Yield the true image in bands of some pixels, one sample a pixel or without color."""
+        """Yield the true image in bands of about `pixels` pixels, with one sample a pixel."""
         bundle = crossed_frustum(self.scene.frustum, aperture)
         certifier = self._certifier(bundle)
         for rows in bands(bundle.resolution[0], range(bundle.resolution[1]), pixels):
@@ -362,9 +363,9 @@ class Reference:
         """Return the color averaged over the whole area of an aperture (paper, section 6).
 
         The tolerance is the largest root mean square of the standard error over pixels and
-        channels, in radiance; `Converged.error` is the error reached. `sampling` has the boxes of
-        pixels, None for the scene's own; its number of sub-apertures is not used. A different seed
-        gives independent points.
+        channels, in radiance; `Converged.error` is the error reached. `sampling` sets the points in
+        each pixel, None for the scene's own; its number of sub-apertures is not used. A different
+        seed gives independent points.
         """
         side = points_per_side(self.scene.sampling if sampling is None else sampling)
         rows = range(self.scene.frustum.resolution[1])
@@ -384,7 +385,7 @@ class Reference:
     def trace_model(
         self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True
     ) -> HogelImage:
-        """Return the image of the cameras of some settings without rounding; faster unshaded."""
+        """Return the image that the cameras of settings draw without rounding; faster unshaded."""
         settings.check_against(self.scene.frustum)
         width, height = self.scene.frustum.resolution
         cameras = model_cameras(self.scene.frustum, aperture, settings)
@@ -422,19 +423,19 @@ class Reference:
             yield certifier.decide(band).renumbered(some)
 
     def gaps(self, aperture: Aperture, before: HogelImage | None = None) -> Floats:
-        """Return the gap behind each pixel's first surface to the next on the same side, (H, W).
+        """Return the gap from each pixel's first surface to the next on its side, (H, W).
 
         A gap is a difference of |z|, in scene units. C keeps the nearest surface behind the plate,
         and its gap is to the second nearest; C* keeps the farthest in front of the plate, and its
-        gap is to the second farthest. It is infinite if there is no second surface. With `before`,
-        the true image, only surfaces drawn before the first one count as next; triangles are drawn
-        in the order of their numbers.
+        gap is to the second farthest. The gap is infinite if there is no second surface. With
+        `before`, the true image, a surface counts as next only if it is drawn before the first
+        surface; triangles are drawn in the order of their numbers.
 
-        Gaps come from the filter of the truth: no triangle is left out that a line surely meets,
-        and each gap is off by no more than the bounds of rounding of its two surfaces, some 1e-15
-        of |z| unless seen edge-on. Closer surfaces count as one, so that a point shared by two
-        triangles is not behind itself. A line that passes an edge within rounding counts as missing
-        that triangle.
+        Gaps come from the filter of the truth. A triangle is never left out if a line surely meets
+        it, and the error of a gap is at most the rounding bounds of its two surfaces: some 1e-15 of
+        |z| unless a surface is seen edge-on. Closer surfaces count as one, so that a point shared
+        by two triangles is not behind itself. If a line passes an edge within rounding, it counts
+        as missing the triangle.
         """
         bundle = crossed_frustum(self.scene.frustum, aperture)
         certifier = self._certifier(bundle, gaps=True)
@@ -450,7 +451,7 @@ class Reference:
         )
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
-        """Return which points are hidden from the true frustum of an aperture, (N,)."""
+        """Return a mask (N,) of points that are hidden from the true frustum of an aperture."""
         return self.hidden_from(crossed_frustum(self.scene.frustum, aperture), points)
 
     def hidden_from(self, bundle: RayBundle, points: SurfacePoints) -> Mask:
@@ -464,5 +465,5 @@ class Reference:
         )
 
     def camera(self, aperture: Aperture) -> HogelCamera:
-        """Return the true frustum of an aperture, as its image has it."""
+        """Return the true frustum of an aperture, as the aperture's image stores it."""
         return self._pictures.camera(aperture)

@@ -1,9 +1,9 @@
 """Broad phase: the bounding box, on the film, of every triangle that may be visible.
 
-The box of a triangle bounds the projections of those parts of it that lie on one side of the
-center. The box of a triangle that crosses the height of the center extends to infinity. Boxes are
-widened by the bound on rounding errors (docs/truth.md, "Nothing is left out"), so that no pixel
-outside a triangle's box shows the triangle.
+A box bounds the projection of the part of a triangle that lies on one side of the center. The box
+of a triangle that crosses the height of the center extends to infinity. Boxes are widened by the
+bound on rounding errors (docs/truth.md, "Nothing is left out"), so that no pixel outside a
+triangle's box shows the triangle.
 """
 
 from __future__ import annotations
@@ -136,8 +136,8 @@ def bounding_boxes(
         reached: Any = dr.compress(touching)
         around = numbers[start + reached.numpy()]
         # The remaining triangles may contain the center; every line meets such a triangle. If the
-        # center lies in a triangle's plane but outside the triangle, no line meets it. No line
-        # meets a triangle without area.
+        # center lies in a triangle's plane but outside the triangle, no line meets the triangle. No
+        # line meets a triangle without area.
         if isinstance(exact, NearbyLines):
             holds = dict.fromkeys(around.tolist(), False)
             whole = list(holds)
@@ -170,8 +170,8 @@ def pixel_slack(bundle: RayBundle, axis: int) -> float:
 class FilmAxis:
     """Map from slopes to columns or rows, (slope - shear) scale + middle, within `slack`.
 
-    For parallel lines the places where they meet the plate stand for slopes. `steepest` is the
-    largest magnitude of a slope.
+    Parallel lines have positions on the plate in place of slopes. `steepest` is the largest
+    magnitude of a slope.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ class FirstSurfaces:
     certainty: Bytes  #: (rows, W) uint8 `Certainty`
     #: (N, 3) row of the image, column and triangle number of each triangle that shares a tie
     tied_triangles: Indices
-    #: `triangle` and `s` as flat Dr.Jit arrays if they are on its device; else None
+    #: `triangle` and `s` as flat Dr.Jit arrays; None if they are only NumPy arrays
     device: tuple[Any, Any] | None = None
 
     def renumbered(self, numbers: Indices) -> FirstSurfaces:
@@ -94,7 +94,7 @@ class Certifier:
         return replace(decided, tied_triangles=tied_triangles)
 
     def _settle(self, decided: FirstSurfaces, ambiguous: Pairs, base: int) -> Indices:
-        """Fill in pixels with ambiguous pairs, numbered from `base`; return the tied triangles."""
+        """Decide the ambiguous pixels, numbered from `base`, in place; return tied triangles."""
         triangle, s, certainty = (
             decided.triangle.ravel(),
             decided.s.ravel(),
@@ -147,9 +147,10 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Groups:
-    """Ambiguous pairs by pixel and triangle, each triangle once.
+    """Ambiguous pairs grouped by pixel, each triangle once per pixel.
 
-    `starts` (G,) are the first pairs of the pixels, and `sizes` (G,) their numbers of pairs.
+    `starts` (G,) are the indices of the first pair of each pixel, and `sizes` (G,) the numbers of
+    pairs.
     """
 
     pairs: Pairs
@@ -174,7 +175,8 @@ class _Groups:
         """
         if not len(self.starts):
             return np.zeros(0, dtype=np.bool_)
-        # Triangles through the center have s = 0 exactly, if the first of the group has, too.
+        # Triangles through the center have s = 0 exactly. They are tied if the group's first
+        # triangle also passes through the center.
         leader = np.repeat(self.starts, self.sizes)
         known = (self.pairs.error == 0) & (self.pairs.error[leader] == 0)
         # Triangles in the plane of the group's first triangle, computed in integers once per pair.

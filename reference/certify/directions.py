@@ -87,9 +87,9 @@ class ExactGrid:
         """Return pairs after exact tests of planes that pass through the pixel's aperture.
 
         If a triangle contains the aperture, all lines of the hogel meet it at s = 0, and the pair
-        becomes certain. If only its plane contains the aperture, no line of the hogel meets it, and
-        the pair is dropped. The image of the hogel has the same result, from one test per
-        triangle.
+        becomes certain. If only the triangle's plane contains the aperture, no line of the hogel
+        meets the triangle, and the pair is dropped. In the image of the hogel, one test per
+        triangle has the same result.
         """
         s, error, sure = pairs.s.copy(), pairs.error.copy(), pairs.sure.copy()
         kept = np.ones(len(s), dtype=np.bool_)
@@ -104,7 +104,7 @@ class ExactGrid:
             if pencil.aims_past(0):
                 kept[k] = False
             elif apart[k].any():
-                # A triangle seen edge-on leaves those pixels of the hogel open that lie in its box.
+                # A triangle seen edge-on leaves open the pixels of the hogel that lie in its box.
                 kept[k] = np.isfinite(error[k]) or pencil.box_holds(0)
             elif pencil.contains_center(0):
                 # Lines that may lie in the triangle's plane are decided in integers.
@@ -295,8 +295,8 @@ class _PencilFilm:
         for i, j in EDGES:
             size = cross_magnitude(corners[i], corners[j])
             ex, ey, ez = (abs(part) for part in difference(points[j], points[i]))
-            # The edge function changes by at most delta . (d x e). Division by `ROUNDING` adds this
-            # to a magnitude.
+            # The edge function changes by at most delta . (d x e). This bound is added to a
+            # magnitude, divided by `ROUNDING`, by which magnitudes are multiplied later.
             moved = product(self._aside[0], ey + product(self._steepest[1], ez))
             moved = moved + product(self._aside[1], ex + product(self._steepest[0], ez))
             magnitudes.append([size[0], size[1], size[2] + product(moved, 1 / ROUNDING)])
@@ -320,7 +320,7 @@ def _slopes(normal: list[Any], magnitude: list[Any], dx: Any, dy: Any) -> tuple[
 class _Planes:
     """Planes of triangles with normals, not normalized, and the sums of absolute products in them.
 
-    They have no bound of q_0 . n, which depends on the aperture.
+    The bound of q_0 . n depends on the aperture, and is not stored.
     """
 
     corner: Sequence[Any]

@@ -81,12 +81,12 @@ class ExactPencil:
 
     @cached_property
     def _bits(self) -> int:
-        """Binary digits after the point that hold every coordinate exactly."""
+        """Number of binary digits after the point with which every coordinate is exact."""
         return max(_bits_of_scene(self._triangles), _fraction_bits(np.asarray(self._bundle.center)))
 
     @cached_property
     def _slope_bits(self) -> int:
-        """Binary digits after the point that hold every slope exactly."""
+        """Number of binary digits after the point with which every slope is exact."""
         return max(_fraction_bits(self._bundle.dx), _fraction_bits(self._bundle.dy))
 
     @cached_property
@@ -145,7 +145,7 @@ class ExactPencil:
         return self.cone(triangle)[2] != 0
 
     def aims_past(self, triangle: int) -> bool:
-        """Return whether a triangle is a needle on a line through the center, but not pixel 0's."""
+        """Return whether a triangle is a needle on a line through the center, not on pixel 0's."""
         edges, _, _ = self.cone(triangle)
         if edges != ((0, 0, 0),) * 3:
             return False

@@ -93,7 +93,7 @@ NO_PAIRS = Pairs(
 )
 
 
-#: Weight of an uncertain pair in the count: a single one leaves its pixel open
+#: Weight of an uncertain pair in the count: a single uncertain pair leaves its pixel open
 DOUBTFUL_WEIGHT = 2
 
 
@@ -102,9 +102,9 @@ class ClassifiedPixels:
     """Triangles that may be first in some rows of an image.
 
     `triangle` and `s` (pixels,) belong to the triangle that is certainly first. They are `NOTHING`
-    and NaN where the line meets no triangle, and at ambiguous pixels: several triangles may be
-    first, or one that is not certainly met. `ambiguous` has all pairs of these pixels. `device` has
-    `triangle` and `s` as Dr.Jit arrays.
+    and NaN where the line meets no triangle, and at ambiguous pixels. A pixel is ambiguous if
+    several triangles may be first, or if the only candidate is not certainly met. `ambiguous` has
+    all pairs of ambiguous pixels. `device` has `triangle` and `s` as Dr.Jit arrays.
     """
 
     triangle: Numbers
@@ -118,8 +118,8 @@ class _Lanes:
     """Pixel rows of boxes, one per lane, cut at the triangle's edges: columns `first` to `last`.
 
     Coverage is certain between the two slopes dx of `surely`. Rows that are not cut have `cones` in
-    its place, which determine coverage. `within` is true if a triangle certainly lies within the
-    range.
+    place of `surely`: edge functions determine coverage. `within` is true if a triangle certainly
+    lies within the range.
     """
 
     number: Any

@@ -96,8 +96,8 @@ class Occlusion:
             # before its end.
             pairs = self._mesh.candidates_of(_lines_to(self._mesh, bundle, points))
         pairs = pairs[points.triangle[pairs.ray] != pairs.triangle]
-        # Doubles leave open every line that meets a triangle in the center itself, at s = 0. A line
-        # in the triangle's plane, whose error is infinite, does not meet it.
+        # Doubles leave open all lines that meet a triangle in the center itself, at s = 0. A line
+        # in the triangle's plane has an infinite error, and does not meet the triangle.
         exact = ExactPencil(self._triangles.corners, bundle)
         depth = bundle.center[2] - points.position[pairs.ray, 2]
         through = (depth > points.tolerance[pairs.ray]) & (bundle.s_range[0] <= 0)

@@ -133,9 +133,9 @@ class ExactIntersector:
         Mesh with triangles of any kind: open, degenerate, duplicate, or none.
     scale_to_box
         Keyword of trimesh's Embree class, which returns one triangle for each point along a ray.
-        True or False: `intersects_id` does so too, and returns the triangle of the smallest number.
-        None, as in trimesh's other class: `intersects_id` returns every triangle. The mesh is never
-        scaled to a box.
+        True or False: `intersects_id` also returns one triangle for each point, the one with the
+        smallest number. None, as in trimesh's other class: `intersects_id` returns every triangle.
+        The mesh is never scaled to a box.
     """
 
     def __init__(self, geometry: Trimesh, scale_to_box: bool | None = None) -> None:
@@ -144,7 +144,7 @@ class ExactIntersector:
         self._built: tuple[int, ExactMesh] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without structures, which are in the memory of a device."""
+        """Return the state without structures, because these are in the memory of a device."""
         return {**vars(self), "_built": None}
 
     def first(
@@ -157,7 +157,7 @@ class ExactIntersector:
     ) -> FirstHits:
         """Return the first triangle of each ray, with t, certainty and ties.
 
-        A ray that meets nothing has triangle -1 and t NaN. See `FirstHits` for the error of t.
+        A ray that misses the mesh has triangle -1 and t NaN. See `FirstHits` for the error of t.
 
         Parameters
         ----------
@@ -176,13 +176,13 @@ class ExactIntersector:
     def intersects_first(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, **within: Unpack[Range]
     ) -> Indices:
-        """Return the first triangle of each ray, (N,), -1 for none; parameters as of `first`."""
+        """Return the first triangle of each ray, (N,), -1 for a miss; parameters as for `first`."""
         return self.first(ray_origins, ray_directions, **within).triangle
 
     def intersects_any(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, **within: Unpack[Range]
     ) -> Mask:
-        """Return a mask (N,) of rays that meet the mesh; parameters as of `first`."""
+        """Return a mask (N,) of rays that meet the mesh; parameters as for `first`."""
         return self.intersects_first(ray_origins, ray_directions, **within) >= 0
 
     def intersects_id(
@@ -199,9 +199,9 @@ class ExactIntersector:
         Parameters
         ----------
         ray_origins, ray_directions, within
-            As of `first`.
+            As for `first`.
         multiple_hits
-            False: only the first hit of each ray; for a tie, the triangle of the smallest number.
+            False: only the first hit of each ray; for a tie, the triangle with the smallest number.
         max_hits
             Largest number of hits per ray, nearest first, >= 1.
         return_locations
@@ -228,7 +228,7 @@ class ExactIntersector:
     ) -> tuple[Floats, Indices, Indices]:
         """Return points (K, 3), rays (K,) and triangles (K,) of the hits, each point once.
 
-        Parameters are as of `intersects_id`. At a shared edge or vertex, the triangle with the
+        Parameters are as for `intersects_id`. At a shared edge or vertex, the triangle with the
         smallest number is returned.
         """
         rays = _checked_rays(ray_origins, ray_directions, **within)
@@ -252,13 +252,15 @@ class ExactIntersector:
             Finite numbers in the units of the mesh.
         closed
             True: refuse a mesh that is not closed. False: a point is inside if the number of
-            surfaces above it, along +z, is odd. Points on the surface are exact in both cases.
+            surfaces above it, along +z, is odd. Points on the surface are decided exactly in both
+            cases.
 
         Raises
         ------
         InputError
-            For points of another shape or not finite, and if the mesh has open edges: edges of an
-            odd number of triangles, after corners at equal positions are merged.
+            For points of another shape or not finite, and for a mesh with open edges. An edge is
+            open if it belongs to an odd number of triangles, after corners at equal positions are
+            merged.
         """
         places = _checked_vectors(points, "points", "point")
         if not len(self.mesh.faces):
@@ -272,7 +274,7 @@ class ExactIntersector:
 
     @property
     def _exact(self) -> ExactMesh:
-        """Structures of the present mesh."""
+        """Structures of the mesh in its present state."""
         state = hash(self.mesh)
         if self._built is None or self._built[0] != state:
             # Copy the arrays, because the mesh may change in place.
@@ -292,8 +294,8 @@ class ExactIntersector:
     def _hits(
         self, rays: RayBatch, multiple_hits: bool, max_hits: Any, each_place: bool
     ) -> AllHits:
-        """Return the hits of rays, nearest first: every triangle, or one for each place."""
-        # Callers without a type checker pass anything.
+        """Return the hits of rays, nearest first: every triangle, or one for each point."""
+        # Callers without a type checker may pass other types.
         if not isinstance(max_hits, int | np.integer) or max_hits < 1:
             raise InputError(f"max_hits: {max_hits!r} is no positive integer; pass one")
         if not multiple_hits:
@@ -328,7 +330,7 @@ def _checked_vectors(values: ArrayLike, name: str, each: str) -> Floats:
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise InputError(f"{name}: the shape is {vectors.shape}; pass an array of shape (N, 3)")
     finite = np.isfinite(vectors)
-    # Testing a million vectors row by row takes twenty times as long.
+    # Test the whole array first: testing a million vectors row by row takes twenty times as long.
     if not finite.all():
         bad = int(np.argmin(finite.all(axis=1)))
         raise InputError(f"{name}: {each} {bad} is {vectors[bad].tolist()}; pass finite numbers")

@@ -1,9 +1,9 @@
 """First surfaces and all surfaces along rays: proven in doubles, or decided in integers.
 
 Embree proposes a triangle for each ray in float32. If doubles prove that the ray meets this
-triangle, its t is an upper limit; nothing else is used of Embree. The walk (`walk`) visits all
+triangle, the triangle's t is an upper limit. Embree has no other use. The walk (`walk`) visits all
 triangles that may lie before the limit. The filter (`filter`) keeps triangles that may be first.
-Integers decide rays with several possible or one uncertain triangle.
+Integers decide rays with several possible triangles, or with an uncertain triangle.
 """
 
 import math
@@ -37,7 +37,7 @@ from xfrustum.reference.tracers import EmbreeMesh
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
 from xfrustum.scenes.model.images import NOTHING, Certainty
 
-#: number of rays of a batch; a ray takes some 300 bytes
+#: number of rays in a batch; a ray takes some 300 bytes
 RAYS_AT_ONCE = 1 << 19
 
 #: number of pairs decided at once in integers; a pair takes some 2 kB
@@ -91,8 +91,8 @@ class FirstHits:
 class AllHits:
     """All K hits of rays, sorted by ray, then exactly by t, then by triangle.
 
-    `position` (K, 3) is origin + t direction, rounded. `place` (K,) numbers the places along each
-    ray from 0; hits at equal t have equal numbers.
+    `position` (K, 3) is origin + t direction, rounded. `place` (K,) counts the distinct t along
+    each ray, from 0; hits at equal t have equal numbers.
     """
 
     ray: Indices
@@ -128,7 +128,7 @@ class RayBatch:
         return np.asarray(np.frexp(np.maximum(np.maximum(x, y), z))[1], dtype=np.int64)
 
     def points(self, lengths: Floats) -> Floats:
-        """Return the points (N, 3) at t times 2^`exponents`.
+        """Return the points (N, 3) at `lengths`, which are t times 2^`exponents`.
 
         For a very short or long direction, t itself may exceed the range of doubles.
         """
@@ -278,14 +278,14 @@ class ExactMesh:
             return self._candidates(rays, far, batch[far], self._scale)
 
     def candidates_of(self, rays: Rays) -> Candidates:
-        """Return the `candidates` of rays on the device; call while `recording`."""
+        """Return the `candidates` of rays on the device; call it while `recording`."""
         far = np.flatnonzero(rays.far.numpy())
         columns = np.stack(_compressed(rays.far, *rays.origin, *rays.direction, *rays.ends), axis=1)
         batch = RayBatch(origins=columns[:, :3], directions=columns[:, 3:6], ends=columns[:, 6:])
         return self._candidates(rays, far, batch, 0)
 
     def _candidates(self, rays: Rays, far: Indices, afar: RayBatch, scale: int) -> Candidates:
-        """Return the candidates of rays; far rays are treated by `_from_afar`."""
+        """Return the candidates of rays, with candidates of far rays by `_from_afar`."""
         ray, triangle = self._boxes.pairs(rays, rays.ends[1])
         t, error, sure, possible = self._examined(rays, ray, triangle)
         columns = _compressed(possible, ray, triangle, t, error, sure)
@@ -314,7 +314,7 @@ class ExactMesh:
             starts[number] = [nearest_double(x - t * d) for x, d in zip(offset, along, strict=True)]
         with recording():
             lines = Rays.from_starts(
-                # Clipping is harmless: a line clipped here misses the mesh.
+                # Clipping has no effect on results: a line with a clipped start misses the mesh.
                 vectors_on_device(np.clip(starts, -BESIDE, BESIDE)),
                 _columns(rays.directions, -rays.exponents),
             )
@@ -336,7 +336,8 @@ class ExactMesh:
             for vector in (rays.origin, rays.direction, rays.ends)
         )
         t, error, sure, possible = meetings(self._corners.points(triangle), origin, direction, ends)
-        # A walk without pairs returns one of any ray, which `_from_afar` may return too.
+        # A walk without pairs returns an arbitrary pair. Its ray may be far, and `_from_afar` may
+        # return the same pair.
         walked = ~dr.gather(Bool, rays.missing, ray)
         sure, possible = sure & walked, possible & walked
         dr.eval(t, error, sure, possible)
@@ -488,7 +489,7 @@ def _shifted(values: Floats, exponents: Indices | int) -> Floats:
 
 def _columns(rows: Floats, exponents: Indices | int) -> list[Any]:
     """Return the coordinates of vectors (N, C) times 2^exponents on the device."""
-    # Multiply by columns: a product of (N, C) and (N, 1) takes five times as long.
+    # Multiply column by column: a product of (N, C) and (N, 1) takes five times as long.
     powers = _powers(exponents)
     with np.errstate(over="ignore", under="ignore"):
         return [on_device(math.prod(powers, start=column)) for column in rows.T]
@@ -507,9 +508,10 @@ def _nearest(place: Fraction, exponent: int) -> float:
 
 
 def _overlapping(pairs: Candidates) -> Indices:
-    """Return the group of each pair: intervals of t of a ray that overlap, also indirectly.
+    """Return the group of each pair: pairs of a ray whose intervals of t overlap form a group.
 
-    Pairs are sorted by ray, then by the smallest possible t.
+    Intervals may overlap through other intervals. Pairs are sorted by ray, then by the smallest
+    possible t.
     """
     near, far = pairs.t - pairs.error, pairs.t + pairs.error
     # Compute the running maximum of `far` along each ray by ranks that grow from ray to ray.

@@ -174,20 +174,20 @@ SLAB_ROUNDINGS = 6
 CUBE = 1.001
 
 #: Smallest component of a direction used as a divisor. Within the tree, a smaller component moves a
-#: ray by less than 2^-50, which the rounding bound covers.
+#: ray by less than 2^-50, and the rounding bound covers this distance.
 MIN_COMPONENT = 2.0**-60
 
 #: Largest distance of the origin of a walked ray, in sizes of the mesh: the error of its point
 #: closest to the middle is at most 1 % of the mesh.
 MAX_DISTANCE = 2.0**40
 
-#: Limit of t: hits of rays from within `MAX_DISTANCE` are nearer
+#: Largest t: the hits of rays that start within `MAX_DISTANCE` are nearer
 MAX_PLACE = 2.0**60
 
 #: squared distance from the middle beyond which a ray certainly misses the cube: 3, with a margin
 BESIDE = 4.0
 
-#: t relative to the point closest to the middle, before which no ray meets the cube
+#: no ray meets the cube before this t, relative to the ray's point closest to the middle
 BEFORE_THE_CUBE = -4.0
 
 #: Reserved number of pairs per ray; if there are more pairs, the walk is repeated with more space.
@@ -232,7 +232,7 @@ class Rays:
             ends=ends,
             start=start,
             restart=restart,
-            # Roundings of the offset, of the product (no longer than the offset), and of the sum.
+            # Roundings of the offset, the product (at most as long as the offset), and the sum.
             slack=4 * UNIT_ROUNDOFF * (size + abs(restart)),
             far=far,
             missing=far | (dot(start, start) > BESIDE),
@@ -294,7 +294,7 @@ class Boxes:
         count, ray, triangle = self._walk(rays, last, room)
         if count > room:
             count, ray, triangle = self._walk(rays, last, count)
-        # Kernels need a lane: without pairs, return the first ray and triangle as a possible pair.
+        # Kernels need at least one lane: without pairs, return ray 0 and triangle 0.
         at = dr.arange(UInt32, max(count, 1))
         return dr.gather(UInt32, ray, at), dr.gather(UInt32, triangle, at)
 
