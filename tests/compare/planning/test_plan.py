@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.long_tail import kept, thinned
+from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
 from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.metrics.error_maps import displacement
-from xfrustum.compare.planning.plan import Cause, PlatePlanner, plan_apertures
+from xfrustum.compare.planning.plan import Cause, plan_apertures
 from xfrustum.compare.planning.requirement import (
     DepthBuffer,
     Requirement,
@@ -31,11 +31,9 @@ from xfrustum.compare.planning.search import (
     buffer_limit,
 )
 from xfrustum.compare.planning.views import Views, displacement_bound, measured
-from xfrustum.compare.scout import scout
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
-    Aperture,
     DepthFormat,
     DepthMapping,
     DoubleFrustum,
@@ -53,14 +51,13 @@ D16, D24 = (DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapp
 FINE = (DepthFormat.D32F, DepthMapping.REVERSED)
 
 
-def traced(scene: Scene, apertures: Sequence[Aperture] | None = None) -> Views:
-    return Views.traced(Reference(scene), apertures or [scene.plate.middle])
+def traced(scene: Scene) -> Views:
+    return Views.traced(Reference(scene), [scene.plate.middle])
 
 
 @cache
-def views_of(name: str, index: tuple[int, int] | None = None) -> Views:
-    scene = view(name, SMALL)
-    return traced(scene, None if index is None else [scene.plate.aperture(*index)])
+def views_of(name: str) -> Views:
+    return traced(view(name, SMALL))
 
 
 def planned(views: Views, requirement: Requirement, *buffers: DepthBuffer) -> DoubleFrustum:
@@ -80,37 +77,34 @@ SCENES = [name for name in (*builtin.names(), *SHARED_SCENES) if name != "crossi
 
 
 @pytest.mark.parametrize(
-    ("name", "size"),
+    ("name", "size", "choices"),
     [
-        ("asymmetric-recentered", SMALL),
-        ("empty", SMALL),
-        *(pytest.param(name, None, marks=pytest.mark.slow) for name in SCENES),
+        ("asymmetric-recentered", SMALL, ()),
+        ("empty", SMALL, ()),
+        *(
+            pytest.param(name, None, choices, marks=pytest.mark.slow)
+            for name, choices in product(SCENES, ((), (D16,)))
+        ),
     ],
 )
-def test_a_plan_holds_when_it_is_measured(name: str, size: tuple[int, int] | None) -> None:
-    """Plan at the scene's own resolution with any depth buffer; recentered, at a corner too."""
+def test_a_plan_holds_when_it_is_measured(
+    name: str, size: tuple[int, int] | None, choices: tuple[DepthBuffer, ...]
+) -> None:
+    """Plan at the scene's own resolution; recentered, at a corner too.
+
+    Without cuts, a depth buffer of 16 bits is too coarse for all scenes but the empty scene.
+    """
     scene = view(name, size)
-    made = plan_apertures(scene, scene.default_apertures()[:2], Requirement())
+    made = plan_apertures(scene, scene.default_apertures()[:2], Requirement(choices=choices))
     assert made.within, made
-    assert made.near is not None and made.near == round_number(index_below(made.near))
+    assert made.slabs or not choices or name == "empty"
+    for length in (made.near, *made.slabs):
+        assert length is not None and length == round_number(index_below(length))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in SCENES if name != "empty"])
-def test_a_plan_with_cuts_holds_when_it_is_measured(name: str) -> None:
-    """Without cuts, a depth buffer of 16 bits is too coarse for all of these scenes."""
-    scene = view(name)
-    made = plan_apertures(scene, [scene.plate.middle], Requirement(choices=(D16,)))
-    assert made.slabs and made.within, made
-    assert all(height == round_number(index_below(height)) for height in made.slabs)
-
-
-@pytest.mark.parametrize(
-    ("name", "near"), thinned([("hard/edge-on", 51.1), ("hard/steep", 2.18)], 2)
-)
-def test_surfaces_outside_the_film_limit_the_planned_near(name: str, near: float) -> None:
+def test_surfaces_outside_the_film_limit_the_planned_near() -> None:
     """An offset camera images surfaces outside the film where |z| is less than n."""
-    scene, requirement = open_scene(name), Requirement()
+    scene, requirement, near = open_scene("hard/edge-on"), Requirement(), 51.1
     wide = DoubleFrustum(near=near, slabs=(near,), depth=D16[0])
     truth = Reference(scene).trace(scene.plate.middle)
     assert displacement_bound(truth, scene.frustum, wide) < requirement.tolerance_px
@@ -132,9 +126,7 @@ def test_a_surface_through_the_aperture_itself_leaves_no_plan() -> None:
     assert neighbor.within, neighbor
 
 
-@pytest.mark.parametrize(
-    "name", thinned(["car", "asymmetric-recentered", "large-triangles", "teapot-recentered"], 3)
-)
+@pytest.mark.parametrize("name", thinned(["asymmetric-recentered", "car", "large-triangles"], 3))
 def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
     """The bound, up to a pixel, with and without cuts, is at most a tenth too high."""
     scene = view(name, (192, 144))
@@ -143,11 +135,10 @@ def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
     ratios = []
     with Rasterizer(scene) as rasterizer:
         for near, slabs in product((1e-3, 3e-4, 1e-4, 3e-5), ((), (0.2 * reach,), (0.5 * reach,))):
-            settings = reversed_d32f(near * reach)
-            settings = replace(settings, slabs=slabs)
+            settings = replace(reversed_d32f(near * reach), slabs=slabs)
             bound = displacement_bound(truth, scene.frustum, settings)
-            vectors = displacement(rasterizer.render(aperture, settings), truth.camera)
-            moved = np.hypot(vectors[..., 0], vectors[..., 1])
+            drawn = rasterizer.render(aperture, settings, normals=False, color=False)
+            moved = np.linalg.norm(displacement(drawn, truth.camera), axis=-1)
             if 1e-3 < bound <= 1:
                 ratios.append(bound / np.percentile(moved[np.isfinite(moved)], PERCENTILE))
     assert len(ratios) > 3
@@ -158,16 +149,15 @@ def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
 # No simpler settings meet the requirement.
 
 NEEDING_CUTS = [
+    ("large-triangles", D16, None),
     ("car", D16, None),
     ("asymmetric", D24, 0.003),
     ("asymmetric-recentered", D16, 0.002),
-    ("large-triangles", D16, None),
     ("truck", (DepthFormat.D16, DepthMapping.GL), 0.0005),
-    ("beetle", D16, 0.0005),
 ]
 
 
-@pytest.mark.parametrize(("name", "buffer", "separation"), kept(NEEDING_CUTS, NEEDING_CUTS[3:4]))
+@pytest.mark.parametrize(("name", "buffer", "separation"), thinned(NEEDING_CUTS, 5))
 def test_with_one_slab_less_it_does_not_hold(
     name: str, buffer: DepthBuffer, separation: float | None
 ) -> None:
@@ -177,11 +167,10 @@ def test_with_one_slab_less_it_does_not_hold(
     """
     views, requirement = views_of(name), Requirement(separation=separation)
     settings = planned(views, requirement, buffer)
-    assert settings.slabs
-    assert holds(views, settings, requirement)
-    best = Search(views, requirement).attempt(buffer, len(settings.slabs) - 1)
-    assert not best.holds
     slabs = settings.slabs
+    assert slabs and holds(views, settings, requirement)
+    best = Search(views, requirement).attempt(buffer, len(slabs) - 1)
+    assert not best.holds
     others = [replace(settings, slabs=slabs[:i] + slabs[i + 1 :]) for i in range(len(slabs))]
     if len(slabs) == 1:
         nears = np.geomspace(1e-1, 1e-7, 4) * views.scene.frustum.longest_reach
@@ -204,8 +193,7 @@ def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "separation"),
-    thinned([("car", 0.003), ("sheets", 0.05), ("bunny-transfer", 0.001)], 3, 1),
+    ("name", "separation"), thinned([("car", 0.003), ("bunny-transfer", 0.001)], 2)
 )
 def test_no_two_sufficient_cuts_lie_closer_to_the_plate(name: str, separation: float) -> None:
     """Compare brute force over pairs of heights with cuts placed one by one from the far end."""
@@ -218,16 +206,12 @@ def test_no_two_sufficient_cuts_lie_closer_to_the_plate(name: str, separation: f
         return search.separation_between(D16, low, high) <= target
 
     assert separated(first, second) and separated(second, None)
-    heights = np.geomspace(1e-3, 0.999, 120) * views.scene.frustum.longest_reach
-    outer = [float(height) for height in heights if separated(float(height), None)]
+    heights = [float(h) for h in np.geomspace(1e-3, 0.999, 120) * views.scene.frustum.longest_reach]
+    outer = [height for height in heights if separated(height, None)]
     assert min(outer) >= second
-    possible = [
-        float(low)
-        for high in outer
-        for low in heights
-        if low < high and separated(float(low), high)
-    ]
-    assert possible and min(possible) >= first
+    # No pair with a smaller first cut suffices.
+    pairs = [(low, high) for high in outer for low in heights if low < min(high, first)]
+    assert pairs and not any(separated(low, high) for low, high in pairs)
     # Cuts are as small as three digits allow: the next smaller numbers fail.
     assert not separated(round_number(index_below(first) - 1), second)
     assert not separated(round_number(index_below(second) - 1), None)
@@ -242,26 +226,19 @@ def test_no_two_sufficient_cuts_lie_closer_to_the_plate(name: str, separation: f
         [
             ("large-triangles", Requirement(), [D16]),
             ("car", Requirement(), depth_buffers()),
-            ("car", Requirement(separation=0.003), [D16]),
-            (
-                "sheets",
-                Requirement(separation=0.003),
-                depth_buffers(DepthFormat.D24, DepthMapping.REVERSED),
-            ),
             ("asymmetric-recentered", Requirement(tolerance_px=0.05), [D24]),
         ],
-        5,
+        3,
     ),
 )
 def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
     name: str, requirement: Requirement, choices: Sequence[DepthBuffer]
 ) -> None:
     scene = view(name, SMALL)
-    plans = []
-    for levels in range(3):
-        views = traced(refine(scene, levels))
-        plans.append(planned(views, requirement, *choices))
-    assert plans[0] == plans[1] == plans[2]
+    whole, four, sixteen = (
+        planned(traced(refine(scene, levels)), requirement, *choices) for levels in range(3)
+    )
+    assert whole == four == sixteen
 
 
 def test_surfaces_behind_and_before_the_plate_count_equally() -> None:
@@ -285,8 +262,8 @@ def test_surfaces_behind_and_before_the_plate_count_equally() -> None:
 
 
 @pytest.mark.parametrize("name", thinned(["asymmetric-recentered", "car"], 2))
-def test_asking_for_more_never_gives_fewer_slabs_or_else_a_larger_near(name: str) -> None:
-    views = traced(view(name, (96, 72)))
+def test_a_harder_requirement_never_gives_fewer_slabs_or_else_a_larger_near(name: str) -> None:
+    views = views_of(name)
     easier = Requirement(tolerance_px=2.0, separation=2.0, max_wrong=0.1)
     easily = planned(views, easier, D16)
     for harder in (
@@ -320,7 +297,7 @@ def test_rounding_down_to_three_digits(length: float) -> None:
 
 
 def test_a_separation_that_no_float_resolves_leaves_no_plan() -> None:
-    views = traced(view("asymmetric", SMALL))
+    views = views_of("asymmetric")
     outcome = Search(views, Requirement(separation=1e-6, choices=(D16, FINE))).best()
     assert outcome.best is None and not outcome.able
 
@@ -337,16 +314,13 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
 
 @pytest.mark.slow
 def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
+    """Two steps of this device equal one step of a device that stores the nearest value."""
     scene, buffer = view("asymmetric", SMALL), depth_buffers(DepthFormat.D16, DepthMapping.LINEAR)
     requirement = Requirement(device=safe_model(), choices=buffer)
     made = plan_apertures(scene, [scene.plate.middle], requirement)
     assert made.settings is not None and made.predicted is not None
-    # Two steps of this device equal one step of a device that stores the nearest value.
-    assert made.predicted.separation == pytest.approx(
-        2 * traced(scene).separation(made.settings), rel=0.01
-    )
-    planner = PlatePlanner(reference=Reference(scene), scan=scout(scene), requirement=requirement)
-    assert planner.first_views().views.device == safe_model()
+    nearest = traced(scene).separation(made.settings)
+    assert made.predicted.separation == pytest.approx(2 * nearest, rel=0.01)
 
 
 def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on() -> None:

@@ -1,12 +1,11 @@
 """Plans for a viewer's eyes: the largest near offset that stays unnoticed, and the view zone."""
 
-import json
 from dataclasses import replace
 
 import pytest
 
-from tests.support.scene_file import film, named, part
-from xfrustum.cli.main import main
+from tests.support.commands import Command
+from tests.support.worlds import World
 from xfrustum.compare.eye.noticeable import Content, Display, Viewer, stereo_change_arcsec
 from xfrustum.compare.planning.requirement import (
     CRACK,
@@ -18,29 +17,17 @@ from xfrustum.compare.planning.requirement import (
     view_zone,
 )
 from xfrustum.reports.planning import seen_view_zone
-from xfrustum.scenes import DoubleFrustum, InputError, Scene, open_scene
+from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene, Screen
 
 
-@pytest.fixture(scope="module")
-def scene_file(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("scene") / "through.toml"
-    size = film(
-        (40.0, 30.0), hogels=(8, 6), resolution=(48, 36), fov_deg=(50.0, 40.0), reach=(60.0, 60.0)
-    )
-    torus, box = part("torus", 24.0, (2.0, 1.0, 0.0)), part("box", 12.0, (-6.0, 1.0, -40.0))
-    path.write_text(named("through", "mm") + size + torus + box)
-    return str(path)
-
-
-def requirement(scene: Scene, viewer: Viewer, *, through: bool = True) -> ViewerRequirement:
-    content = Content(before=(0.1, 12.0), behind=(0.1, 46.0), through=through)
+def requirement(scene: Scene, viewer: Viewer) -> ViewerRequirement:
+    content = Content(before=(0.1, 12.0), behind=(0.1, 46.0), through=True)
     return ViewerRequirement(viewer=viewer, display=Display.from_scene(scene), content=content)
 
 
-def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) -> None:
-    scene = open_scene(scene_file)
-    required = requirement(scene, Viewer(distance=600.0))
-    # A pitch of 5 mm would hide any crack.
+def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(tiny: World) -> None:
+    required = requirement(tiny.scene, Viewer(distance=600.0))
+    # The pitch of the hogels, 8 mm, would hide any crack.
     required = replace(required, display=replace(required.display, pitch=0.5))
     stereo, crack = required.limits()
     assert (stereo.name, crack.name) == (STEREO, CRACK)
@@ -49,16 +36,12 @@ def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) 
     assert near is not None and crack.largest_near is not None and near < crack.largest_near
     assert required.excess(DoubleFrustum(near=near)) <= 1
     # Plans round lengths to three digits.
-    larger = DoubleFrustum(near=near * 1.01)
-    assert required.excess(larger) > 1
+    assert required.excess(DoubleFrustum(near=near * 1.01)) > 1
 
 
-def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None:
-    scene = open_scene(scene_file)
-    viewer = Viewer(distance=600.0, stereo_acuity_arcsec=1e6)
-    fine = replace(
-        requirement(scene, viewer), display=replace(Display.from_scene(scene), pitch=0.1)
-    )
+def test_eyes_that_see_no_depth_are_left_with_the_crack(tiny: World) -> None:
+    required = requirement(tiny.scene, Viewer(distance=600.0, stereo_acuity_arcsec=1e6))
+    fine = replace(required, display=replace(required.display, pitch=0.1))
     binds = binding(fine.limits())
     assert (binds.name, binds.hidden_by) == (CRACK, "acuity")
     # Without a surface at the plate, no near offset has a noticeable effect.
@@ -66,74 +49,49 @@ def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None
     assert binding(apart.limits()) is None and len(apart.limits()) == 1
 
 
-def test_a_cut_that_is_fitted_leaves_a_smaller_gap(scene_file: str) -> None:
-    required = requirement(open_scene(scene_file), Viewer(distance=600.0))
-    whole, cut = DoubleFrustum(near=2.0), DoubleFrustum(near=2.0, slabs=(6.0,))
-    small, large = required.noticed(cut), required.noticed(whole)
+def test_a_cut_that_is_fitted_leaves_a_smaller_gap(tiny: World) -> None:
+    required = requirement(tiny.scene, Viewer(distance=600.0))
+    whole = DoubleFrustum(near=2.0)
+    small, large = required.noticed(replace(whole, slabs=(6.0,))), required.noticed(whole)
     assert 0 < small[STEREO][0] < large[STEREO][0]
     assert small[CRACK][0] == pytest.approx(large[CRACK][0] * 6 / 8)
 
 
 @pytest.mark.slow
 def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed(
-    scene_file: str, capfd: pytest.CaptureFixture[str]
+    tiny: World, command: Command
 ) -> None:
-    command = [
-        "plan",
-        scene_file,
-        "--viewer=60cm",
-        "--sample=4",
-        "--depth=d32f",
-        "--mapping=reversed",
-    ]
-    assert main([*command, "--json", "--quiet"]) == 0
-    made = json.loads(capfd.readouterr().out)
+    line = f"plan {tiny.scene_file} --viewer=60cm --sample=4 --depth=d32f --mapping=reversed"
+    made = command(f"{line} --json --quiet").record
     seen = made["viewer"]
     assert made["within"] and not made["slabs"]
-    assert made["plate"]["infeasible"] == 0
-    assert seen["viewer"]["distance"] == 600
-    assert seen["binding"] == STEREO
+    assert seen["viewer"]["distance"] == 600 and seen["binding"] == STEREO
     assert made["near"] == seen["limits"][0]["largest_near"] == made["limits"]["eye"]
     assert made["binds"] == "eye" and 19 < seen["stereo_change_arcsec"] <= 20
     # Where the torus meets the plate, displacements in hogels are large.
     assert made["measured"]["displacement_p99_px"] > 0.5
     # With a tolerance, pixel errors limit near too, and more strongly.
-    assert main([*command, "--tolerance-px=0.5", "--json", "--quiet"]) == 0
-    both = json.loads(capfd.readouterr().out)
+    both = command(f"{line} --tolerance-px=0.5 --json --quiet").record
     assert both["binds"] == "pixels" and both["near"] <= both["limits"]["pixels"] < made["near"]
 
 
-def test_the_border_of_the_plate_counts_where_one_side_alone_is_seen(scene_file: str) -> None:
-    scene = open_scene(scene_file)
+def test_the_border_of_the_plate_counts_where_one_side_alone_is_seen(tiny: World) -> None:
     behind = Content(before=None, behind=(20.0, 46.0), through=False)
     viewer, settings = Viewer(distance=600.0), DoubleFrustum(near=1.0)
-    change = stereo_change_arcsec(behind, viewer, Display.from_scene(scene), settings)
+    change = stereo_change_arcsec(behind, viewer, Display.from_scene(tiny.scene), settings)
     farther = 65 / (600 + 20) - 65 / (600 + 21)
     assert change == pytest.approx(farther * 206264.806, rel=1e-6)
 
 
 # The view zone
-# -------------------------------------------------------------------------------------------
-
-PROJECTED = """
-name = "zone"
-units = "mm"
-[plate]
-size = [80.0, 60.0]
-hogels = [20, 15]
-[frustum]
-resolution = [64, 64]
-screen = { height = 600.0, center = [0.0, 0.0], size = [60.0, 60.0] }
-reach = [100.0, 100.0]
-"""
-"""Scene with a screen, 60 mm wide, in the view zone."""
 
 
-@pytest.fixture(scope="module")
-def projected(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    path = tmp_path_factory.mktemp("zone") / "zone.toml"
-    path.write_text(PROJECTED + part("sphere", 40.0, (0.0, 0.0, -40.0)))
-    return open_scene(path)
+@pytest.fixture
+def projected(tiny: World) -> Scene:
+    """Return a scene with a screen, 60 mm wide, in the view zone."""
+    screen = Screen(height=600.0, center=(0.0, 0.0), size=(60.0, 60.0))
+    frustum = replace(tiny.scene.frustum, fov=None, screen=screen)
+    return replace(tiny.scene, plate=Plate(size=(80.0, 60.0), hogels=(20, 15)), frustum=frustum)
 
 
 @pytest.mark.parametrize(
@@ -152,9 +110,8 @@ def test_the_view_zone_is_the_screen_and_spreads_away_from_it(
     projected: Scene, distance: float, some: float, every: float
 ) -> None:
     zone = view_zone(projected, distance)
-    assert zone.some_eyes_apart == pytest.approx(some) and zone.all_eyes_apart == pytest.approx(
-        every
-    )
+    widths = zone.some_eyes_apart, zone.all_eyes_apart
+    assert widths == pytest.approx((some, every))
     assert zone.every is not None and zone.every[0][1] == pytest.approx(every / 2)
 
 
