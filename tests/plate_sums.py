@@ -1,12 +1,10 @@
 """Predicted and measured wrong surfaces of whole plates, summed by link.
 
-`python -m tests.plate_sums [SCENE ...]` prints a table for the scenes, by default `MESHES`. Options
-such as `--hogels 11x9 --pixels 160 --nears 1e-2,1e-3` select other plates.
+`python -m tests.plate_sums [SCENE ...]` prints a table for the scenes, by default `MESHES`.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -53,33 +51,17 @@ def plate_sums(scene: Scene, nears: Sequence[float] = NEARS) -> tuple[LinkSum, .
         return sums_by_link(budgets(rasterizer))
 
 
-def main() -> None:
-    """Print the sums of some plates."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenes", nargs="*", default=MESHES)
-    parser.add_argument("--hogels", default="9x7")
-    parser.add_argument("--pixels", type=int, default=160)
-    parser.add_argument("--nears", default=",".join(map(str, NEARS)))
-    arguments = parser.parse_args()
-    columns, rows = map(int, arguments.hogels.split("x"))
-    nears = [float(near) for near in arguments.nears.split(",")]
-    write_line(
-        f"{'scene':<18} {'link':<14} {'measured':>9} {'predicted':>10} {'ratio':>6}  reasons"
-    )
-    for name in arguments.scenes:
-        for link in plate_sums(plate(name, (columns, rows), arguments.pixels), nears):
+def main(names: Sequence[str]) -> None:
+    """Print the sums of some scenes."""
+    sys.stdout.write("scene, link: measured and predicted wrong surfaces, their ratio, reasons\n")
+    for name in names or MESHES:
+        for link in plate_sums(plate(name, (9, 7), 160)):
             if link.surface or link.predicted:
                 ratio = "-" if link.ratio is None else f"{link.ratio:.2f}"
+                reasons = " ".join(sorted(link.reasons))
                 numbers = f"{link.surface:>9,} {link.predicted:>10,.1f} {ratio:>6}"
-                write_line(
-                    f"{name:<18} {link.name:<14} {numbers}  {', '.join(sorted(link.reasons))}"
-                )
-
-
-def write_line(line: str) -> None:
-    sys.stdout.write(f"{line.rstrip()}\n")
-    sys.stdout.flush()
+                sys.stdout.write(f"{name:<18} {link.name:<14} {numbers}  {reasons}\n")
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -41,13 +41,8 @@ def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
 
 
 def test_every_kind_of_finding_is_detected() -> None:
-    fine: dict[str, Any] = {
-        "status": 2,
-        "errors": b"xfrustum: error: no\n",
-        "peak_bytes": 1,
-        "hung": False,
-    }
-    fine |= {"left": frozenset()}
+    fine: dict[str, Any] = {"status": 2, "errors": b"xfrustum: error: no\n", "peak_bytes": 1}
+    fine |= {"hung": False, "left": frozenset()}
     left = frozenset({"out.exr"})
     cases: list[tuple[dict[str, Any], list[str]]] = [
         ({}, []),

@@ -8,21 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.commands import Command
 from xfrustum.cli.main import main
 from xfrustum.scenes import open_scene
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "from-an-engine.md"
 MATRIX, NUMBERS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-APERTURE = (20, 20)
 
 
 def passes(folder: Path, mapping: str) -> list[dict[str, Any]]:
-    aperture = f"{APERTURE[0]},{APERTURE[1]}"
-    command = ["camera", "asymmetric", "--for", "json", "--near", "1", "--mapping", mapping]
-    assert main([*command, "--apertures", aperture, "--out", str(folder)]) == 0
-    entries: list[dict[str, Any]] = json.loads((folder / "cameras.json").read_text())["apertures"][
-        0
-    ]["passes"]
+    line = f"camera asymmetric --for json --near 1 --mapping {mapping} --apertures 20,20 --out"
+    assert main([*line.split(), str(folder)]) == 0
+    [aperture] = json.loads((folder / "cameras.json").read_text())["apertures"]
+    entries: list[dict[str, Any]] = aperture["passes"]
     return entries
 
 
@@ -57,31 +55,19 @@ def test_clip_ranges_are_those_of_the_table_and_a_fixed_test_gets_turned_depths(
         turned = ends[::-1] if one_pass["wins"] == "farthest" else ends
         np.testing.assert_allclose(after[[0, -1]], turned, atol=1e-12)
         # The test `<` keeps the smallest depth: the farthest surface for C*, the nearest for C.
-        assert (
-            (np.diff(after) < 0).all()
-            if one_pass["wins"] == "farthest"
-            else (np.diff(after) > 0).all()
-        )
+        assert (np.diff(after) * (turned[1] - turned[0]) > 0).all()
 
 
-def test_of_a_camera_that_looks_at_the_viewer_rows_alone_flip(tmp_path: Path) -> None:
-    points = np.random.default_rng(0).uniform((-5, -5, 2), (5, 5, 15), (9, 3))
+def test_rows_alone_flip_for_a_camera_that_looks_at_the_viewer(tmp_path: Path) -> None:
+    random = np.random.default_rng(0).uniform((-5, -5, 2), (5, 5, 15), (9, 3))
     for one_pass in passes(tmp_path, "gl"):
-        front = one_pass["looks_to"] == "+z"
-        forward = np.array((0.0, 0.0, 1.0 if front else -1.0))
-        right, up = np.cross(forward, (0.0, 1.0, 0.0)), np.array((0.0, 1.0, 0.0))
-        offset = points * (1, 1, 1 if front else -1) - one_pass["position"]
-        width, height = one_pass["half_extent"]
-        picture = (
-            np.stack((offset @ right / width, offset @ up / height), axis=1)
-            / (offset @ forward)[:, None]
-        )
-        clip = (
-            np.c_[points * (1, 1, 1 if front else -1), np.ones(9)]
-            @ np.array(one_pass["clip_from_scene"]).T
-        )
-        film = clip[:, :2] / clip[:, 3:]
-        np.testing.assert_allclose(picture * (1, -1 if front else 1), film)
+        side = 1.0 if one_pass["looks_to"] == "+z" else -1.0
+        points, forward, up = random * (1, 1, side), np.array((0, 0, side)), np.array((0, 1, 0))
+        offset, (width, height) = points - one_pass["position"], one_pass["half_extent"]
+        along = np.stack((offset @ np.cross(forward, up) / width, offset @ up / height), axis=1)
+        picture = along / (offset @ forward)[:, None]
+        clip = np.c_[points, np.ones(9)] @ np.array(one_pass["clip_from_scene"]).T
+        np.testing.assert_allclose(picture * (1, -side), clip[:, :2] / clip[:, 3:])
 
 
 def test_numbers_are_those_of_the_scene_also_behind_triangles_without_area(
@@ -105,23 +91,15 @@ def test_numbers_are_those_of_the_scene_also_behind_triangles_without_area(
     assert (names["color"] @ (65536, 256, 1)).tolist() == names["number"].tolist()
 
 
-def test_apertures_of_verify_are_the_ranges_of_plate(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pattern = str(tmp_path / "h_{i}x{j}.png")
+def test_apertures_of_verify_are_the_ranges_of_plate(tmp_path: Path, command: Command) -> None:
     (tmp_path / "h_1x2.png").write_bytes(b"")
-    command = ["verify", "hard/only-behind", pattern, "--quiet", "--json", "--apertures"]
+    line = f"verify hard/only-behind {tmp_path}/h_{{i}}x{{j}}.png --quiet --json --apertures"
     for text, expected in {
         "1-2,2": [[1, 2], [2, 2]],
         "1,*": [[1, 0], [1, 1], [1, 2], [1, 3], [1, 4]],
         "1,2;0-1,2": [[1, 2], [0, 2]],
     }.items():
-        assert main([*command, text]) == 1
-        hogels = json.loads(capsys.readouterr().out)["hogels"]
+        hogels = command(f"{line} '{text}'", status=1).record["hogels"]
         assert [hogel["aperture"] for hogel in hogels] == expected
-    for text, message in {
-        "1-9,2": "aperture 9,2 lies outside",
-        "2-1,2": "columns,rows such as 0-80,30",
-    }.items():
-        assert main([*command, text]) == 2
-        assert message in capsys.readouterr().err
+    assert "aperture 9,2 lies outside" in command(f"{line} 1-9,2", status=2).err
+    assert "columns,rows such as 0-80,30" in command(f"{line} 2-1,2", status=2).err

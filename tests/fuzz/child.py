@@ -7,10 +7,10 @@ streams are captured, output of libraries is discarded, and the exit status is t
 import os
 import re
 import resource
+import select
 import signal
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,9 +56,14 @@ def outcome_of(command: tuple[str, ...], files: Mapping[str, bytes]) -> Outcome:
         process = os.fork()
         if process == 0:
             _become(command, folder, logs)
-        status, usage, hung = _waited(process, time.monotonic() + HANG_S)
+        ended = os.pidfd_open(process)
+        hung = not select.select([ended], [], [], HANG_S)[0]
+        os.close(ended)
+        if hung:
+            os.killpg(process, signal.SIGKILL)
+        _, status, usage = os.wait4(process, 0)
         return Outcome(
-            status=status,
+            status=os.waitstatus_to_exitcode(status),
             errors=(logs / "stderr").read_bytes(),
             peak_bytes=usage.ru_maxrss * 1024,
             hung=hung,
@@ -100,20 +105,6 @@ def _become(command: tuple[str, ...], folder: Path, logs: Path) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)
-
-
-def _waited(process: int, until: float) -> tuple[int, resource.struct_rusage, bool]:
-    """Return exit status, resource usage, and whether the process was killed."""
-    hung, pause = False, 0.001
-    while True:
-        done, status, usage = os.wait4(process, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status), usage, hung
-        if time.monotonic() > until and not hung:
-            hung = True
-            os.killpg(process, signal.SIGKILL)
-        time.sleep(pause)
-        pause = min(2 * pause, 0.05)
 
 
 def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Iterator[str]:

@@ -1,35 +1,29 @@
 """Recordings, archives and scene files of strangers: one-line errors within the memory limit."""
 
-import os
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.conftest import CHECKOUT
+from tests.support.commands import Command
 from tests.support.scene_file import film
-from xfrustum.cli.main import main
-from xfrustum.compare.device.recorded import read_frames
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk import input_memory, read_arrays, read_input
 from xfrustum.scenes.model.device_model import DeviceModel
 
-HOSTILE = CHECKOUT.parent / "shared" / "data" / "inputs" / "hostile"
 SCENE = film(
     (10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0)
 )
 ADVICE = "archive", "make it again"
 
 
-@pytest.mark.skipif(not HOSTILE.is_dir(), reason="needs the files of attacks in ../shared")
-def test_recordings_of_an_attack_end_with_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    files = sorted(HOSTILE.glob("replay-*.npz"))
+def test_recordings_of_an_attack_end_with_one_line(shared_data: Path, command: Command) -> None:
+    files = sorted((shared_data / "data" / "inputs" / "hostile").glob("replay-*.npz"))
     assert len(files) == 9
     for path in files:
-        assert main(["device", "--replay", str(path)]) == 2
-        out, err = capsys.readouterr()
-        assert out == "" and err.count("\n") == 1 and path.name in err
+        printed = command(f"device --replay {path}", status=2)
+        assert printed.out == "" and printed.err.count("\n") == 1 and path.name in printed.err
 
 
 def test_arrays_are_read_without_pickles_and_declare_no_more_than_allowed(tmp_path: Path) -> None:
@@ -51,31 +45,25 @@ def test_arrays_are_read_without_pickles_and_declare_no_more_than_allowed(tmp_pa
 
 
 def test_files_that_are_holes_empty_or_of_proc_are_refused(tmp_path: Path) -> None:
-    hole = tmp_path / "hole"
+    hole, empty = tmp_path / "hole", tmp_path / "empty"
     with hole.open("wb") as file:
         file.truncate(1 << 40)
     with pytest.raises(InputError, match=r"hole: claims 1024 GiB and fills 0 bytes of the disk"):
         read_input(hole, "mesh file")
-    for path in (tmp_path / "empty", Path("/proc/self/environ")):
-        if path.parent == tmp_path:
-            path.touch()
-        if path.exists():
-            with pytest.raises(InputError, match="the mesh file is empty"):
-                read_input(path, "mesh file")
+    empty.touch()
+    for path in (empty, Path("/proc/self/environ")):
+        with pytest.raises(InputError, match="the mesh file is empty"):
+            read_input(path, "mesh file")
 
 
-def test_devices_and_recordings_are_regular_files_of_bounded_size(tmp_path: Path) -> None:
-    pipe, large = tmp_path / "pipe", tmp_path / "large.json"
-    os.mkfifo(pipe)
-    for read in (DeviceModel.read, read_frames):
-        with pytest.raises(InputError, match="is a pipe"):
-            read(pipe)
-    large.write_text(" " * (1 << 21))
+def test_a_file_of_a_device_has_a_bounded_size_and_depth(tmp_path: Path) -> None:
+    path = tmp_path / "device.json"
+    path.write_text(" " * (1 << 21))
     with pytest.raises(InputError, match=r"more than a device\.json has"):
-        DeviceModel.read(large)
-    large.write_text("[" * 100_000)
+        DeviceModel.read(path)
+    path.write_text("[" * 100_000)
     with pytest.raises(InputError, match=r"is no device\.json \(invalid json: recursion limit"):
-        DeviceModel.read(large)
+        DeviceModel.read(path)
 
 
 @pytest.mark.parametrize(

@@ -18,12 +18,14 @@ from PIL import Image
 from tests.scenes.files.test_exr import a_camera, an_image
 from tests.support.environment_maps import write_map
 from tests.support.scene_file import film
+from xfrustum.compare.device.recorded import read_frames
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk import allowed_memory, input_memory
 from xfrustum.scenes.files.exr import read_image, write_image
 from xfrustum.scenes.files.pictures import Encoding, read_environment, read_foreign, read_rgb
 from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.meshes.tessellation import load_patches
+from xfrustum.scenes.model.device_model import DeviceModel
 
 GIBIBYTE = 1 << 30
 SCENE = film(
@@ -133,18 +135,12 @@ DAMAGED: list[tuple[str, Content, str]] = [
     ("mesh.bpt", BEYOND, "beyond 1e+100"),
     ("mesh.bpt", b"\xff\xfe\x00", "not a text of Bezier patches"),
     ("image.exr", "hello", "not an OpenEXR image"),
-    *(
-        ("image.exr", image(partial(cut, share=share)), "damaged")
-        for share in (0.001, 0.02, 0.5, 0.998)
-    ),
+    *(("image.exr", image(partial(cut, share=share)), "damaged") for share in (0.02, 0.998)),
     ("image.exr", image(zeroed), "damaged"),
     ("image.exr", image(reordered), "damaged"),
-    *(
-        ("image.exr", renamed(n), "damaged")
-        for n in (b"certainty", b"P.X", b"channels", b"dataWindow")
-    ),
+    *(("image.exr", renamed(name), "damaged") for name in (b"P.X", b"dataWindow")),
     ("image.exr", image(enlarged), "--max-input-memory"),
-    *(("sky.exr", partial(made, "sky.exr", value), "finite") for value in (np.nan, np.inf)),
+    ("sky.exr", partial(made, "sky.exr", np.nan), "finite"),
     ("sky.exr", partial(made, "sky.exr", -1e-3), "not negative"),
     ("sky.exr", partial(made, "sky.exr", 1.0, 1), "RGB"),
     ("sky.hdr", lambda: cut(made("sky.hdr")), "damaged"),
@@ -212,17 +208,14 @@ def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
 def test_pipes_are_refused_instead_of_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.exr"
     os.mkfifo(pipe)
-    camera = a_camera()
-    for read in (
-        lambda: open_scene(str(pipe)),
-        lambda: load_mesh(pipe),
-        lambda: load_patches(pipe),
-        lambda: read_environment(pipe),
-        lambda: read_image(pipe),
-        lambda: read_foreign(pipe, camera, Encoding.RGB),
-    ):
+    readers: list[Callable[[Path], object]] = [
+        *(open_scene, load_mesh, load_patches, read_environment, read_image),
+        *(DeviceModel.read, read_frames),
+        partial(read_foreign, camera=a_camera(), encoding=Encoding.RGB),
+    ]
+    for read in readers:
         with pytest.raises(InputError, match=r"is a pipe; an? .* must be a regular file"):
-            read()
+            read(pipe)
     with pytest.raises(InputError, match="/dev/zero: is a device"):
         open_scene("/dev/zero")
 

@@ -45,7 +45,7 @@ def points(missing: float = np.nan) -> NDArray[np.float32]:
 
 
 def vector(name: str, values: NDArray[Any], axes: str = "XYZ") -> Planes:
-    return {name + axis: np.ascontiguousarray(values[..., at]) for at, axis in enumerate(axes)}
+    return {name + axis: values[..., at] for at, axis in enumerate(axes)}
 
 
 def read(
@@ -55,7 +55,7 @@ def read(
     kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | header
     written = []
     for planes in parts:
-        copies: dict[str, Any] = {name: plane.copy() for name, plane in planes.items()}
+        copies: dict[str, Any] = {name: plane.copy("C") for name, plane in planes.items()}
         name = str(copies.pop("name", ""))
         written.append(OpenEXR.Part(kind | ({"name": name} if name else {}), copies, name))
     OpenEXR.File(written).write(str(folder / "a.exr"))
@@ -168,25 +168,25 @@ def test_a_file_without_usable_channels_is_refused_with_the_present_ones(
         read(tmp_path, *REFUSED[message])
 
 
-def test_the_display_window_is_the_picture_whatever_pixels_are_stored(tmp_path: Path) -> None:
-    def framed(planes: Planes, data: list[int], display: list[int]) -> HogelImage:
-        windows: dict[str, Any] = {
-            name: tuple(np.array(box, np.int32).reshape(2, 2))
-            for name, box in (("dataWindow", data), ("displayWindow", display))
-        }
-        return read(tmp_path, planes, **windows)
+def window(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ...]:
+    """Return a window by its first pixel and its size."""
+    return tuple(np.array([[x, y], [x + width - 1, y + height - 1]], np.int32))
 
+
+def test_the_display_window_is_the_picture_whatever_pixels_are_stored(tmp_path: Path) -> None:
     planes = vector("P.", points()) | {"id.triangle": numbers()}
     over = {name: np.pad(plane, 2, constant_values=9) for name, plane in planes.items()}
-    overscan = framed(over, [3, 8, 6 + WIDTH, 11 + HEIGHT], [5, 10, 4 + WIDTH, 9 + HEIGHT])
+    display, data = window(5, 10, WIDTH, HEIGHT), window(3, 8, WIDTH + 4, HEIGHT + 4)
+    overscan = read(tmp_path, over, dataWindow=data, displayWindow=display)
     equal(overscan.position, points())
-    part = {name: np.ascontiguousarray(plane[3:5, 1:6]) for name, plane in planes.items()}
-    crop = framed(part, [1, 3, 5, 4], [0, 0, WIDTH - 1, HEIGHT - 1])
-    inside = np.zeros(SHAPE, dtype=np.bool_)
-    inside[3:5, 1:6] = True
-    equal(crop.covered, inside)
-    equal(crop.position[inside], points()[inside])
-    equal(crop.triangle[inside], numbers()[inside].astype(np.int64) - 1)
+    part = {name: plane[3:5, 1:6] for name, plane in planes.items()}
+    display, data = window(0, 0, WIDTH, HEIGHT), window(1, 3, 5, 2)
+    crop = read(tmp_path, part, dataWindow=data, displayWindow=display)
+    stored = np.zeros(SHAPE, dtype=np.bool_)
+    stored[3:5, 1:6] = True
+    equal(crop.covered, stored)
+    equal(crop.position[stored], points()[stored])
+    equal(crop.triangle[stored], numbers()[stored].astype(np.int64) - 1)
 
 
 def test_a_display_window_larger_than_memory_is_refused_for_all_its_channels(
@@ -194,9 +194,9 @@ def test_a_display_window_larger_than_memory_is_refused_for_all_its_channels(
 ) -> None:
     planes = vector("P.", points()) | {"id.triangle": numbers()}
     # One plane of this window takes half of the limit of 1 GiB.
-    display = np.array([[0, 0], [WIDTH - 1, (1 << 27) // WIDTH]], np.int32)
+    display = window(0, 0, WIDTH, (1 << 27) // WIDTH + 1)
     with pytest.raises(InputError, match="of memory"):
-        read(tmp_path, planes, displayWindow=tuple(display))
+        read(tmp_path, planes, displayWindow=display)
 
 
 def test_storage_states_its_precision_of_positions(tmp_path: Path) -> None:

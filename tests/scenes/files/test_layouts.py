@@ -1,6 +1,7 @@
 """Layouts: each is written, recognized by its file names, and read back bit for bit."""
 
 import re
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +83,7 @@ def test_a_plate_is_written_recognized_and_read_bit_by_bit_whole_and_row_by_row(
     assert np.array_equal(files.plate.pixels, before.pixels)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("dtype", ["float16", "float32"])
+@pytest.mark.parametrize(("name", "dtype"), list(zip(NAMES, cycle(["float16", "float32"]))))
 def test_floating_point_is_kept_in_openexr(name: str, dtype: str, tmp_path: Path) -> None:
     before = plate(shape_for(name), dtype)
     written(before, name, tmp_path, ".exr")
@@ -109,10 +109,9 @@ def test_horizontal_parallax_keeps_the_middle_row(name: str, tmp_path: Path) -> 
         ("mosaic", "mosaic.png", np.s_[10:15, 18:24], np.s_[2, 3]),
         ("views", "4_1.png", np.s_[:], np.s_[:, :, 4, 1]),
         ("stanford", "out_04_01_-0.800000_-0.500000.png", np.s_[:], np.s_[:, :, 4, 1]),
-        # View 0, for the leftmost eye, is the last pixel column, at the bottom left; view 1 is to
-        # its right.
+        # View 0, for the leftmost eye, is the last pixel column, at the bottom left; views 1 and 2
+        # are to its right, views 3 to 5 in the row above.
         ("quilt", "quilt_qs3x2a1.333.png", np.s_[3:, :4], np.s_[:, :, 0, 5]),
-        ("quilt", "quilt_qs3x2a1.333.png", np.s_[3:, 4:8], np.s_[:, :, 0, 4]),
         ("quilt", "quilt_qs3x2a1.333.png", np.s_[:3, :4], np.s_[:, :, 0, 2]),
     ],
 )

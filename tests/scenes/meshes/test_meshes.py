@@ -121,7 +121,6 @@ ALBEDOS: dict[str, tuple[str | Writer, Color]] = {
     "OBJ with a texture": (obj("# made\n" + LIBRARY + "wood"), linear(STORED)),
     "OBJ without its library": (obj("usemtl wood"), WHITE),
     # trimesh invents gray for missing textures, and Pillow clips 16 bits.
-    "OBJ with gray of 8 bits": (obj(LIBRARY + "uint8"), linear((100,) * 3)),
     "OBJ with gray of 16 bits": (obj(LIBRARY + "uint16"), linear((100,) * 3)),
     "PLY": (ply(), WHITE),
     "PLY with bytes": (ply("uchar", STORED), linear(STORED)),
@@ -146,11 +145,9 @@ ALBEDOS: dict[str, tuple[str | Writer, Color]] = {
 def saved(folder: Path, content: str | Writer) -> Path:
     """Save a mesh file, and a library with textures for it; return its path."""
     Image.new("RGB", (4, 2), STORED).save(folder / "wood.png")
-    for kind in (np.uint8, np.uint16):
-        gray = np.full((2, 2), 100 * np.iinfo(kind).max // 255, kind)
-        Image.fromarray(gray).save(folder / f"{kind.__name__}.png")
+    Image.fromarray(np.full((2, 2), 100 * 257, np.uint16)).save(folder / "uint16.png")
     library = "newmtl plain\nKd 0.2 0.3 0.4\n"
-    library += "".join(f"newmtl {n}\nmap_Kd {n}.png\n" for n in ("wood", "uint8", "uint16"))
+    library += "".join(f"newmtl {n}\nmap_Kd {n}.png\n" for n in ("wood", "uint16"))
     written(folder, "m.mtl", library)
     if isinstance(content, Writer):
         return content.save(folder / "sheet.gltf")
