@@ -5,12 +5,12 @@ precision and rounded once, to the float32 of OpenGL.
 
 **C and C*** (figures 4 to 6). C keeps the nearest surface, and its depth buffer is cleared to the
 far value. C* keeps the farthest surface, and its buffer is cleared to the near value (paper,
-section 3). Depth tests are strict: of two equal depths, the one drawn first stays.
+section 3). Depth tests are strict: of two surfaces at equal depth, the surface drawn first stays.
 
-**By direction** one pixel of all hogels is drawn: the plate is the film, an aperture a pixel. In a
-centered frustum, the lines of one pixel are parallel, and the camera is affine, with depth linear
-in z. In a recentered frustum, the lines pass through a point of the screen, the center of a
-perspective camera. There is no near offset and no second camera.
+**By direction**, one pixel of all hogels is drawn: the plate is the film, and an aperture is a
+pixel. In a centered frustum, the lines of one pixel are parallel, and the camera is affine, with
+depth linear in z. In a recentered frustum, the lines pass through a point of the screen, the center
+of a perspective camera. There is no near offset and no second camera.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ _HYPERBOLIC = 0.0, 1.0
 
 #: Clip depth of the reversed mapping. It is also used if fragments write depth: clip depth then
 #: serves only for clipping. `_HYPERBOLIC` would be worse: f / (f - n) rounded to float32 clips some
-#: surfaces in front of the far plane, or keeps some behind it.
+#: surfaces in front of the far plane, or keeps some surfaces behind it.
 _REVERSED = 1.0, 0.0
 
 
@@ -312,7 +312,7 @@ def window(tile: PlateTile) -> tuple[tuple[float, float], tuple[float, float]]:
     for hogels, size, side, cells in zip(
         tile.plate.hogels, tile.plate.size, (1, -1), (tile.columns, tile.rows), strict=True
     ):
-        # Rows count down.
+        # Rows are numbered downward.
         ends = [side * (size * (end / hogels - 0.5)) for end in (cells.start, cells.stop)]
         center.append(sum(ends) / 2)
         half.append(abs(ends[1] - ends[0]) / 2)

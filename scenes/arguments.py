@@ -21,12 +21,12 @@ class InputError(Exception):
 
 
 Choice = TypeVar("Choice", bound=StrEnum)
-NO_COUNT = -1  # replaces a value that is not a whole number; it is below every allowed count
+NO_COUNT = -1  # substitute for a value that is not a whole number, below every allowed count
 
 
 def real(value: object) -> float:
     """Return a number as float; NaN for other values, including booleans and strings."""
-    if type(value) is float:  # the common case: tests of abstract classes take microseconds
+    if type(value) is float:  # a fast path: tests of abstract classes take microseconds
         return value
     if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
@@ -50,7 +50,7 @@ def whole(value: object) -> int:
 
 
 def wholes(values: object, length: int) -> tuple[int, ...]:
-    """Return whole numbers as ints; a single `NO_COUNT` if their number is not the required one."""
+    """Return whole numbers as ints; a single `NO_COUNT` if there are too few or too many."""
     items = _items(values, length)
     return (NO_COUNT,) if items is None else tuple(map(whole, items))
 

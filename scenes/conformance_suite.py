@@ -52,23 +52,23 @@ class Case:
     level: str
     #: scene file of the suite without .toml, or a built-in scene
     scene: str
-    #: column and row of each
+    #: column and row of each hogel
     hogels: tuple[tuple[int, int], ...]
     #: content of pixels: `triangle-id`, `object-id`, `rgb` or `srgb`
     encoding: str
     #: purpose of the case, one sentence
     why: str
-    #: W, H, pixels; None: the scene's
+    #: W, H, pixels; None for the scene's resolution
     resolution: tuple[int, int] | None = None
-    #: offset of the paper's cameras, scene units; None: true frustum
+    #: offset of the paper's cameras, scene units; None for the true frustum
     near: float | None = None
     depth: DepthFormat = DepthFormat.D32F
     mapping: DepthMapping = DepthMapping.REVERSED
     #: largest share of covered pixels that may be wrong without an accepted reason, 0 to 1. Only
-    #: wrong conventions should fail L0: mistakes of later levels make at most 26 % of the pixels of
-    #: a case wrong, and every wrong convention makes at least 56 % of some case wrong. L0 therefore
-    #: has 0.3. L4 has 0.005, because slivers narrower than a pixel, and surfaces beyond the film's
-    #: border, are not identified by colors.
+    #: wrong conventions should fail L0: mistakes tested by later levels make at most 26 % of the
+    #: pixels of a case wrong, and every wrong convention makes at least 56 % of the pixels of some
+    #: case wrong. L0 therefore has 0.3. L4 has 0.005, because slivers narrower than a pixel, and
+    #: surfaces beyond the film's border, are not identified by colors.
     wrong: float = 0.0
     #: tolerance of linear radiance; None: `COLOR_TOLERANCE`
     tolerance: float | None = None
@@ -79,14 +79,14 @@ class Case:
 
     @classmethod
     def from_table(cls, table: dict[str, Any]) -> Case:
-        """Return the case of a table of cases.toml."""
+        """Return the case that a table of cases.toml describes."""
         encoding = {"encoding": table["asked"]}
         rest = {name: value for name, value in table.items() if name != "asked"}
         return TypeAdapter(cls).validate_python(rest | encoding)
 
     @property
     def colored(self) -> bool:
-        """True if pixels contain colors, as in cases of light, and not numbers."""
+        """True if pixels contain colors and not numbers, as in cases of light."""
         return self.encoding in ("rgb", "srgb")
 
     def open(self) -> Scene:
@@ -106,7 +106,7 @@ class Case:
         return [scene.plate.aperture(*index) for index in self.hogels]
 
     def settings(self, scene: Scene) -> DoubleFrustum:
-        """Return the settings of the two cameras: the case's, or a tiny near offset."""
+        """Return the settings of the two cameras: from the case, or with a tiny near offset."""
         near = CLOSE_NEAR * scene.frustum.longest_reach if self.near is None else self.near
         return DoubleFrustum(near=near, depth=self.depth, mapping=self.mapping)
 

@@ -302,7 +302,7 @@ _ASIDE = re.compile(r"\.xfrustum-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}")
 
 
 def _host() -> str:
-    """Return eight letters that identify the machine or container, within which PIDs are unique."""
+    """Return eight hex digits that identify the machine or container; PIDs are unique within it."""
     names = [os.uname().nodename]
     with suppress(OSError):
         names.append(str(Path("/proc/self/ns/pid").readlink()))
@@ -366,7 +366,7 @@ def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
     Raises InputError as from `written_into`, and OSError if the disk is full or has lost data.
     """
     into, target = written_into(path), Path(os.path.realpath(path))
-    # A file that is copied into place may be in any folder before.
+    # If the content is copied into an open file, the temporary file may be in any folder.
     with TempPath(host or (scratch_folder() if into else target.parent)) as aside:
         yield aside.path
         if into:

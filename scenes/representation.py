@@ -37,7 +37,7 @@ def percent_up(share: float) -> str:
     if share <= 0 or share >= 1:
         return f"{100 * share:.0f} %"
     step = 10.0 ** (math.floor(math.log10(100 * share)) - 1)
-    # The margin prevents rounding errors from raising a share of exactly two digits.
+    # Without this margin, rounding errors would raise a share that has exactly two digits.
     return f"{min(math.ceil(100 * share / step - 1e-9) * step, 100.0):.3g} %"
 
 
@@ -83,7 +83,7 @@ def _kind(value: object) -> str:
 # Labelled arrays of xarray
 # -------------------------------------------------------------------------------------------------
 
-SCENE_UNITS = "scene units"  #: unit of lengths of images whose scene is not available
+SCENE_UNITS = "scene units"  #: unit name for lengths if the scene's unit is not available
 NO_UNIT = "1"  #: unit of quantities without dimension, as in stored plates
 
 
@@ -92,8 +92,8 @@ class Labelled:
     """Array of an image, (H, W) or (H, W, 3), row 0 at the top, or one value; None if missing."""
 
     values: NDArray[Any] | float | None
-    meaning: str  #: in words
-    units: str | None = None  #: None for numbers and classes
+    meaning: str  #: description, one phrase
+    units: str | None = None  #: unit; None for numbers and classes
     last: str = "rgb"  #: name of the third dimension
 
     @property
@@ -113,7 +113,8 @@ def dataset(
 
     Pixels have the dimensions v and u, as in the groups that `plate` writes (CONVENTIONS.md,
     "Plates"). The first of `images` is (H, W); `places` are coordinates of the whole image,
-    `attributes` its facts. Values None are left out. Raises InputError if xarray is not installed.
+    `attributes` are its properties. Values of None are left out. Raises InputError if xarray is not
+    installed.
     """
     try:
         import xarray  # noqa: PLC0415 - it takes a second to load
@@ -149,12 +150,12 @@ Kind = TypeVar("Kind", bound=np.floating)
 
 
 def encoding_curve(linear: NDArray[Kind]) -> NDArray[Kind]:
-    """Return sRGB values of linear values from 0 to 1, in their precision (IEC 61966-2-1)."""
+    """Return sRGB values of linear values from 0 to 1, in the same precision (IEC 61966-2-1)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def decoding_curve(shown: NDArray[Kind]) -> NDArray[Kind]:
-    """Return linear values of sRGB values from 0 to 1, in their precision (IEC 61966-2-1)."""
+    """Return linear values of sRGB values from 0 to 1, in the same precision (IEC 61966-2-1)."""
     return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
 
 

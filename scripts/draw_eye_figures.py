@@ -105,7 +105,7 @@ def row_of_pictures(pictures: Sequence[tuple[str, Bytes]]) -> Image.Image:
 
 
 def main(folder: Path, names: Sequence[str]) -> None:
-    """Draw some pictures."""
+    """Draw the pictures with these names."""
     for name in names:
         moved_picture(SCENES[name]).save(folder / f"{name}.png", optimize=True)
 

@@ -109,7 +109,7 @@ VENDORS_ASKED = "__EGL_VENDOR_LIBRARY_FILENAMES"
 VENDOR_FOLDERS = tuple(
     Path(folder) / "glvnd/egl_vendor.d" for folder in ("/etc", "/usr/share", "/usr/local/share")
 )
-#: Environment variables that select the driver or the software renderer of Mesa
+#: Environment variables of Mesa that select a driver or the software renderer
 SOFTWARE_ASKED = ("LIBGL_ALWAYS_SOFTWARE", "GALLIUM_DRIVER", "MESA_LOADER_DRIVER_OVERRIDE")
 
 

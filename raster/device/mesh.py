@@ -21,7 +21,7 @@ from xfrustum.scenes.arrays import Indices, Singles
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene, read_only
 
-#: Effects computed in the picture's shaders; all others are separate cameras or passes
+#: Effects computed in the picture's shaders; other effects are separate cameras or passes
 SHADING = (
     Effect.SMOOTH_NORMALS,
     Effect.VERTEX_COLORS,
@@ -60,13 +60,13 @@ def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
 
 
 def picture_defines(mapping: OpenGLMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
-    """Return the definitions for hogel.frag, of depth and effects; no color if None."""
+    """Return the definitions for hogel.frag: depth and effects; no color if `effects` is None."""
     depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
     return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
 
 
 def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
-    """Return the definitions for reflection.frag: smooth normals or none."""
+    """Return the definitions for reflection.frag, with or without smooth normals."""
     return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
 
 
@@ -79,7 +79,7 @@ def program(context: moderngl.Context, fragment: str, defines: Defines) -> moder
 
 
 def assign(program: moderngl.Program, **uniforms: object) -> None:
-    """Set the uniforms that the program has; the compiler drops unused ones."""
+    """Set the uniforms that the program has; the compiler drops unused uniforms."""
     for name, value in uniforms.items():
         if name in program:
             program[name] = value
@@ -288,7 +288,7 @@ class Identified(Protocol):
         """W, H in pixels."""
 
     def bind_identity(self, unit: int) -> None:
-        """Make the identities a texture for a shader."""
+        """Bind the identities as a texture for a shader."""
 
 
 class Positions:

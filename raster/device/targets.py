@@ -262,7 +262,7 @@ class Layer:
     view: int  #: OpenGL name of a texture view of this layer
 
     def bind_identity(self, unit: int) -> None:
-        """Make the identities a texture for a shader."""
+        """Bind the identities as a texture for a shader."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self.view)
 
@@ -338,7 +338,7 @@ class LayeredTarget:
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
 
     def bind_identity(self, unit: int) -> None:
-        """Make the identities a texture for a shader."""
+        """Bind the identities as a texture for a shader."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 

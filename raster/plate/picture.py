@@ -47,7 +47,7 @@ HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3,
 
 #: Largest size of one submission's attachments, so that they fit the caches of a software renderer
 SUBMISSION_BYTES = 1 << 20
-#: largest size of the attachments of one round of submissions, which bounds the memory
+#: largest size of the attachments of one round of submissions; it bounds the memory
 ROUND_BYTES = 1 << 25
 #: Largest number of hogels in a submission, and of submissions in a round; more are not faster
 MAX_HOGELS = 4

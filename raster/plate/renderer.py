@@ -1,8 +1,8 @@
 """Hogels of a whole plate with the paper's double frustum: a stream, several per submission.
 
 The reasons are in docs/adr/0006. Images are equal to the images of `Rasterizer`, bit for bit.
-Hogels with other sampling are drawn one by one, as means over sub-apertures, and in the plain loop
-of benchmarks.
+`OneByOne` draws hogels with other sampling, `averaged` forms means over sub-apertures, and
+`PlainLoop` is for benchmarks.
 """
 
 from collections import deque

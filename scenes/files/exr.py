@@ -153,7 +153,7 @@ def _size(window: Any) -> tuple[int, int]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReadPlanes:
-    """Channels of a file by the names of our contract."""
+    """Channels of a file by their names in CONVENTIONS.md."""
 
     #: (H, W) of the display window, types as stored
     planes: dict[str, NDArray[Any]]
@@ -312,7 +312,7 @@ def _background(read: ReadPlanes, position: Singles, camera: HogelCamera) -> Mas
     # After lossy compression, 0 may be read as another number.
     exact = [name in read.places and read.lossy(name) is None for name in POSITION]
     axes = np.flatnonzero(exact).tolist()
-    largest = np.abs(position[..., axes or [2]]).max(axis=-1).astype(np.float64)  # NaN where one is
+    largest = np.abs(position[..., axes or [2]]).max(axis=-1).astype(np.float64)  # NaN if any is
     nowhere = ~((largest > 0) & (largest < max(FAR, *camera.reach)))
     # The same point in all pixels is a background, too, if all numbers are 0.
     return nowhere | bool(numbers and (position == position[0, 0]).all())

@@ -282,7 +282,8 @@ class Target:
             **values,
             columns=columns,
             rows=rows,
-            # Film coordinates of a pixel: the position of its camera in some unit, v upward.
+            # Film coordinates of a pixel: the position of its camera in an arbitrary unit, v
+            # upward.
             v=1 - (2 * values.get("r", 0) + 1) / height,
             u=(2 * values.get("c", 0) + 1) / width - 1,
             stem=self.stem or self.layout.name,

@@ -151,9 +151,9 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
 
 # Environment maps
 
-#: header of a Radiance picture: lines up to an empty one, then the size
+#: header of a Radiance picture: lines up to an empty line, then the size
 _HDR_HEADER = re.compile(rb"#\?[^\n]*\n(?:[^\n]+\n)*\n([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n")
-#: widths of rows that can be run-length encoded, which begin with 2, 2 and the width
+#: widths of rows that can be run-length encoded; such rows begin with 2, 2 and the width
 _RUN_WIDTHS = range(8, 1 << 15)
 
 
@@ -363,7 +363,7 @@ def is_picture(image: HogelImage) -> bool:
 
 
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
-    """Return an image whose stored pixels are decoded with another reading.
+    """Return an image whose stored pixels are decoded with another interpretation.
 
     For images without stored pixels, only the offset and the choice of triangles or objects change.
     """

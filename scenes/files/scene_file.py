@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Location = tuple[int | str, ...]
 
-#: Names of `shapes.SHAPES`, as messages list them: checked before NumPy is loaded.
+#: Names of `shapes.SHAPES`, in the order of messages; they are checked before NumPy is loaded.
 SHAPE_NAMES = ("box", "square", "sphere", "cylinder", "cone", "torus")
 
 MAX_KEY_PARTS = 16
@@ -324,7 +324,7 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
         if entry.mesh is None:
             part = shapes.build_shape(str(entry.shape), material=entry.material)
         elif entry.is_patches:
-            # Loads SciPy's graphs.
+            # This import loads SciPy's graphs.
             from xfrustum.scenes.meshes.tessellation import load_patches  # noqa: PLC0415
 
             # The tolerance is a length in the scene. Divide it by the largest scale factor to get a

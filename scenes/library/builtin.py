@@ -177,7 +177,7 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
     """Open a scene file, or a built-in scene out of `builtin.names()` or `hard_cases.names()`.
 
     A text that ends in .toml, or a `Path`, is a path; a built-in name has precedence over a file of
-    the same name. Raises InputError if it is neither, or if the file is not a valid scene.
+    the same name. Raises InputError if the name is neither, or if the file is not a valid scene.
     """
     if not isinstance(text, os.PathLike):
         one_of(text, str, "a scene's name or path")
@@ -201,7 +201,7 @@ def check_scene(text: str) -> None:
 
 
 def _builder(text: str) -> Callable[[str], Scene] | None:
-    """Return the function that builds a built-in scene; None for a path, InputError for neither."""
+    """Return the function that builds a built-in scene; None for a path; else InputError."""
     if text in SCENES:
         return build
     is_path = text.endswith(".toml") or Path(text).exists()

@@ -68,7 +68,7 @@ _LIGHTS = (
 
 
 def studio_car() -> tuple[SceneObject, ...]:
-    """Return the car with smooth normals, a material on every part, and rims apart from tires."""
+    """Return the car with smooth normals, a material on every part, and separate rims and tires."""
     body, glass, wheels, trim = map(shapes.smoothed, car())
     rims = _stored()["rims"]
     return (

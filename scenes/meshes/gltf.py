@@ -341,7 +341,7 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
             for name, number in draco.attributes.items()
         }
         faces = np.asarray(mesh.faces, np.uint32).reshape(-1, 1)
-    except Exception as error:  # untyped: DracoPy and its bindings use their own types
+    except Exception as error:  # DracoPy and its bindings raise exceptions of their own types
         raise gltf.error(f"{_DRACO}: {str(error) or type(error).__name__}") from error
     if primitive.indices is None or primitive.mode != _TRIANGLES:
         raise gltf.error(f"{_DRACO} of a primitive that is no indexed list of triangles")

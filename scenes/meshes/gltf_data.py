@@ -48,7 +48,7 @@ class _Model(BaseModel):
     model_config = ConfigDict(
         strict=True, frozen=True, alias_generator=to_camel, allow_inf_nan=False, extra="ignore"
     )
-    extensions: dict[str, Any] = Field(default_factory=dict)  #: by name
+    extensions: dict[str, Any] = Field(default_factory=dict)  #: data of extensions, by name
 
 
 class Visibility(_Model):

@@ -57,10 +57,10 @@ _NAMES: Final = {
     "o", "g", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "maplib",
     "usemap", "mtllib", "usemtl", "s",
 }  # fmt: skip
-#: Statements of objects without a surface, which are listed as unread.
+#: Statements of objects without a surface; they are listed as unread.
 _FLAT: Final = {"lines (l)": {"l"}, "points (p)": {"p"}, "free-form curves": _CURVES}
 _DRAWN: Final = ("v", "vt", "vn", "f")
-_POINT, _TEXTURE, _NORMAL = 0, 1, 2  # indices of a corner, in the order of a file
+_POINT, _TEXTURE, _NORMAL = 0, 1, 2  # columns of a corner's indices, in the order of the file
 _ABSENT: Final = -1
 _BLANK: Final = ord(" ")
 _INDEXED: Final = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
@@ -78,8 +78,8 @@ class _Polygons:
 class _Tables:
     vertices: Floats
     colors: Floats | None  #: at vertices, linear RGB
-    coordinates: Floats  #: the last row, at -1, is NaN
-    normals: Floats  #: the last row, at -1, is NaN
+    coordinates: Floats  #: (N, 2) texture coordinates; the last row, index -1, is NaN
+    normals: Floats  #: (N, 3); the last row, index -1, is NaN
 
 
 def read_obj(path: Path) -> MeshContent:
@@ -310,7 +310,7 @@ class _Material:
 
     texture: str | None = None  #: name of the texture
     picture: Any = None  #: Pillow image, opened and not yet decoded
-    not_honoured: list[str] = field(default_factory=list)  #: other statements
+    not_honoured: list[str] = field(default_factory=list)  #: unsupported statements
 
 
 def _read_libraries(
@@ -377,7 +377,7 @@ def _is_neutral(key: str, values: Sequence[str]) -> bool:
 
 
 def _options(values: Sequence[str]) -> tuple[list[str], int]:
-    """Return the options before a texture's name, and how many words they take."""
+    """Return the options before a texture's name, and the number of their words."""
     options, place, last = list[str](), 0, len(values) - 1
     while place < last and values[place].startswith("-") and values[place][1:2].isalpha():
         options.append(values[place].lower())

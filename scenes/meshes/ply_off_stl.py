@@ -47,7 +47,7 @@ _CORNERS: Final = ("vertex_indices", "vertex_index")
 _POINT: Final = ("x", "y", "z")
 _NORMAL: Final = ("nx", "ny", "nz")
 _COORDINATES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
-_COUNT_DIGITS: Final = 18  # digits of every 64-bit count; Python converts at most 4,300
+_COUNT_DIGITS: Final = 18  # maximum of digits of a count; Python converts at most 4,300 digits
 _OTHER_COUNT: Final = "has another number of values than the header declares"
 _COLORS: Final = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
@@ -59,7 +59,7 @@ class _Element:
     #: types of a list's length (None for a single value) and of its values, by property
     types: dict[str, tuple[str | None, str]] = field(default_factory=dict)
     values: dict[str, NDArray[Any]] = field(default_factory=dict)  #: by property, row after row
-    lengths: dict[str, Indices] = field(default_factory=dict)  #: of lists, by property
+    lengths: dict[str, Indices] = field(default_factory=dict)  #: lengths of lists, by property
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,7 +366,7 @@ _HEADER = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(ST)?(C)?(N)?(4)?(n)?OFF\b([ \t]*BIN
 
 
 def read_off(path: Path) -> MeshContent:
-    """Read an OFF file; InputError, with the line, for damaged or unsupported files."""
+    """Read an OFF file; InputError names the line of damage or of an unsupported feature."""
     # Letters precede OFF in the header in this order; a file without a header is plain OFF.
     data = plain_text(read_input(path, "mesh file"))
     header = _HEADER.match(data)
@@ -386,7 +386,7 @@ def read_off(path: Path) -> MeshContent:
         raise InputError(
             f"{path}: has no counts of vertices, faces and edges; export the mesh again"
         )
-    after = 3 + weighted  # the place of normals; colors and texture coordinates follow
+    after = 3 + weighted  # first column of normals; colors and texture coordinates follow
     sizes = [after + 3 * normals + channels * colored + 2 * textured for channels in (3, 4)]
     vertices = _vertices(lines, numbers[stated:], per_line, sizes, int(counts[0]))
     start = stated + vertices.size
@@ -401,7 +401,8 @@ def read_off(path: Path) -> MeshContent:
         what = f"{len(vertices):,} vertices, and no faces of three corners"
         raise InputError(f"{path}: the mesh has no triangles: {what}; give it a mesh with faces")
     points = vertices[:, :3]
-    # Homogeneous coordinates: a weight of zero gives infinity, which is refused with all vertices.
+    # Homogeneous coordinates: a weight of zero gives infinity, which the check of all vertices
+    # refuses.
     if weighted:
         with np.errstate(divide="ignore", invalid="ignore"):
             points = points / vertices[:, 3:4]
@@ -429,9 +430,9 @@ def read_off(path: Path) -> MeshContent:
 def _vertices(
     lines: TextLines, numbers: Floats, per_line: Indices, sizes: list[int], count: int
 ) -> Floats:
-    """Return the numbers of each vertex (V, n); `sizes` are n for colors of 3 and 4 channels."""
+    """Return the numbers (V, n) of vertices; `sizes` are n for colors of 3 and of 4 channels."""
     own = np.unique(per_line[1 : 1 + count])
-    alike = len(own) == 1  # otherwise vertices are spread over lines, and colors have 4 channels
+    alike = len(own) == 1  # else vertices may span several lines, and colors have 4 channels
     if alike and len(per_line) > count and int(own[0]) not in (1, *sizes):
         raise lines.error(1, f"a vertex has {own[0]} numbers, and the header says {sizes[1]}")
     size = int(own[0]) if alike and int(own[0]) in sizes else sizes[1]
@@ -446,7 +447,7 @@ def _vertices(
 def _faces(
     lines: TextLines, start: int, numbers: Floats, per_line: Indices, count: int
 ) -> tuple[Indices, Indices, bool]:
-    """Return the corners of all faces in a row, the size of each, and the presence of colors."""
+    """Return the corners of all faces in one array, the size of each face, and if colors follow."""
     line_starts, after = starts_of(per_line), np.cumsum(per_line)
     first_line = int(np.searchsorted(line_starts, start))
 
@@ -456,7 +457,7 @@ def _faces(
 
     if len(per_line) - first_line == count and count and line_starts[first_line] == start:
         starts, limits = line_starts[first_line:], after[first_line:]
-    else:  # numbers in lines of any length, where colors cannot be distinguished from faces
+    else:  # lines have any length, so that colors cannot be distinguished from faces
         places = [start]
         while len(places) <= count and places[-1] < len(numbers) > numbers[places[-1]] >= 0:
             places.append(places[-1] + 1 + int(numbers[places[-1]]))
@@ -476,7 +477,7 @@ def _faces(
 
 
 def _whole(path: Path, numbers: Floats, what: str) -> Indices:
-    """Return whole numbers; InputError at others."""
+    """Return whole numbers; InputError for other numbers."""
     with np.errstate(invalid="ignore"):
         whole = numbers.astype(np.int64)
     if (whole != numbers).any():
@@ -485,7 +486,7 @@ def _whole(path: Path, numbers: Floats, what: str) -> Indices:
 
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_HEADER_BYTES = 84  # 80 of any content, and the number of triangles
+_HEADER_BYTES = 84  # 80 bytes of any content, and the number of triangles
 _FACET_LINES = np.array(b"facet outer vertex vertex vertex endloop endfacet".split())
 #: Cosine between a stored normal and the reversed winding normal above which the winding is
 #: reversed. Exporters round normals to a few digits, which turns them by far less than 60 degrees.

@@ -108,7 +108,7 @@ class TextLines:
     def check(
         self, lines: Mask | slice, right: Mask, reason: str, values: NDArray[Any] | None = None
     ) -> None:
-        """Raise the error of the first line that is not right.
+        """Raise the error of the first wrong line.
 
         Braces in the reason are replaced by the line's entry in `values`.
         """

@@ -1,7 +1,7 @@
 """Measured rounding of drawing devices.
 
 `xfrustum.raster.device.fingerprint` makes the test pictures, and `xfrustum.compare.rounding`
-explains pixels by the rounding.
+explains pixels by this rounding.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Range = tuple[FiniteFloat, FiniteFloat]
 Digits = Annotated[int, Field(ge=0, le=24)]
 """Number of binary digits of a grid; positions are computed in float32, which has 24."""
 
-LARGEST_FILE = 1 << 20  # largest device.json, bytes; `xfrustum device` writes a few thousand
+LARGEST_FILE = 1 << 20  # largest device.json, bytes; `xfrustum device` writes a few thousand bytes
 
 NEAREST: Range = (-0.5, 0.5)
 """Rounding to the nearest step."""
@@ -126,8 +126,8 @@ SOFTPIPE = DeviceModel(
     name="softpipe",
     subpixel_bits=4,
     snaps_depth=False,
-    # Depths are truncated; in D16 also the gradient, by less than a step for each block except a
-    # span's first.
+    # Depths are truncated. In D16 the gradient is truncated too, by less than a step for each block
+    # of a span except the first.
     d16=(-1.0 - (QUADS_OF_A_SPAN - 1), QUADS_OF_A_SPAN - 1.0),
     d24=(-1.0, 0.0),
 )

@@ -1,8 +1,8 @@
 """Effects that a scene needs, with reasons.
 
 A scene that does not need an effect has the same picture without it. Surfaces that are not visible
-in any image (`scenes.model.visibility`) need no effect. Light paths need them nevertheless: they
-cast shadows and reflect light.
+in any image (`scenes.model.visibility`) need no effect. Light paths still need such surfaces,
+because the surfaces cast shadows and reflect light.
 """
 
 from __future__ import annotations
@@ -56,7 +56,9 @@ class Decision:
     effect: Effect
     refusal: Refusal | None = None
     objects: tuple[int, ...] = ()  #: numbers of objects that need the effect and may be visible
-    out_of_sight: tuple[int, ...] = ()  #: numbers of objects that need it but cannot be visible
+    out_of_sight: tuple[
+        int, ...
+    ] = ()  #: numbers of objects that need the effect, but are not visible
 
     @property
     def used(self) -> bool:

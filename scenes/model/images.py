@@ -129,7 +129,7 @@ class HogelImage(SurfaceImage):
 
     camera: HogelCamera
     triangle: Numbers  #: int32, `NOTHING` where there is no surface
-    object: Numbers  #: likewise
+    object: Numbers  #: int32, `NOTHING` where there is no surface
     #: Visible surface point in scene units, NaN without a surface: float64 from a reference,
     #: float32 from a rasterizer. Our rasterizers return a view of a structure of arrays.
     position: NDArray[np.floating]
@@ -269,7 +269,7 @@ class ColorType(StrEnum):
 
 
 class Channel(StrEnum):
-    """One of the images of a hogel, in the order in which they are written; color comes last."""
+    """Image of a hogel; members are in the order of writing, and color is last."""
 
     CERTAINTY = "certainty"
     NORMAL = "normal"
@@ -278,7 +278,7 @@ class Channel(StrEnum):
     COLOR = "color"
 
 
-#: Images that a renderer has; only the truth has certainty.
+#: Images of a drawn hogel; only a truth has certainty.
 DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
 
 
@@ -326,7 +326,7 @@ class PlateImages(ShortRepr):
     color: NDArray[Any] | None  #: (H, W, 3) linear RGB in the requested type
     triangle: Numbers | None  #: (H, W), -1 where there is no surface
     height: Singles | None = None  #: (H, W) above the plate, NaN where there is no surface
-    normal: Singles | None = None  #: (H, W, 3) unit, by the mesh's winding, NaN likewise
+    normal: Singles | None = None  #: (H, W, 3) unit, by the mesh's winding, NaN without a surface
     certainty: Bytes | None = None  #: (H, W) uint8 `Certainty`
 
     def image(self, channel: Channel) -> NDArray[Any]:

@@ -20,8 +20,8 @@ from xfrustum.scenes.plate import Aperture, Frustum, Plate
 from xfrustum.scenes.representation import ShortRepr
 
 #: Bounds of the lengths of plate, reach and screen, and of the largest coordinate. Products of two
-#: lengths are within the range of float32 in pictures, and products of three are far within the
-#: range of doubles, so that rounding bounds are valid.
+#: lengths are within the range of float32 in pictures, and products of three lengths are far within
+#: the range of doubles, so that rounding bounds are valid.
 SHORTEST, LONGEST = 1e-30, 1e30
 #: Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at
 #: least 2^-53 times this bound. Products of three differences are within the range of doubles even

@@ -45,7 +45,7 @@ PLATE_ROUNDING = 2.0**-24
 #: margin of aperture indices: coordinates have a dozen roundings of doubles, below 1e-12 of a cell
 INDEX_MARGIN = 1e-6
 
-#: numbers of triangles tested at once, and tested first: in most objects one of these is visible
+#: numbers of triangles tested at once, and tested first: most objects show one of the first
 CHUNK_TRIANGLES, FIRST_TRIANGLES = 1 << 12, 1 << 6
 
 #: Largest number of triangles after splitting a coarse mesh. Each triangle marks a rectangle of
@@ -202,7 +202,7 @@ class Region:
 
     @classmethod
     def from_cells(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:
-        """Return the region of the true frusta of apertures with their cells; None: of all."""
+        """Return the region of apertures' true frusta, with their cells; None for the plate."""
         plate = scene.plate
         if apertures is None:
             (width, height) = plate.size

@@ -1,8 +1,7 @@
 """Ctrl-C and SIGTERM: an exception in the main thread, and exit status 130 or 143.
 
-Where a library swallows the exception, as trimesh does while it imports its own dependencies, a
-timer raises it again. Code that makes something and notes it for removal does both within
-`delayed`.
+If a library swallows the exception, as trimesh does while it imports its own dependencies, a timer
+raises it again. Code that creates something and records it for removal does both within `delayed`.
 """
 
 import signal
@@ -15,7 +14,7 @@ from typing import Any
 #: Message by signal; its exit status is 128 plus its number, as shells report it.
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
-#: words after the message of a command that continues where it was ended; "" for other commands
+#: end of the message for commands that can be continued after a signal; "" for other commands
 advice = ""
 CONTINUES = "; the same command continues"
 
@@ -28,7 +27,7 @@ _DEFAULTS: dict[signal.Signals, Any] = {
     signal.SIGALRM: signal.SIG_DFL,
 }
 
-#: the first signal that came since `obeyed` was entered
+#: first signal received within `obeyed`
 received: signal.Signals | None = None
 
 _taken: set[signal.Signals] = set()
@@ -37,16 +36,16 @@ _delays = 0
 
 
 class Interrupted(KeyboardInterrupt):
-    """Exception of a signal that ends the process; code that cleans up after Ctrl-C does so too."""
+    """Exception for a signal that ends the process; caught by code that cleans up after Ctrl-C."""
 
 
 @contextmanager
 def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
     """Raise `Interrupted` in the main thread at a signal that ends this process.
 
-    Signals that the parent process ignores, as shells do for jobs in the background, or that the
-    program around this handles itself, are left alone; outside of the main thread all are. A
-    process that is about to end ignores them from the end of the block on.
+    A signal is left alone if the parent process ignores it, as shells do for background jobs, or if
+    the calling program handles it. Outside the main thread, all signals are left alone. With
+    `ignored_afterwards`, for a process that is about to end, signals are ignored after the block.
     """
     global received, _raised, advice
     if threading.current_thread() is not threading.main_thread() or _taken:
@@ -76,11 +75,11 @@ def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
 
 @contextmanager
 def delayed() -> Iterator[None]:
-    """Let a short block run to its end before a signal is obeyed; not for anything that waits."""
+    """Delay signals until a short block has ended; the block must not wait for anything."""
     global _delays
     if (
         threading.current_thread() is not threading.main_thread()
-    ):  # only there signals are obeyed and counted
+    ):  # signals are obeyed and counted only there
         yield
         return
     _delays += 1
@@ -96,7 +95,7 @@ def _handle(number: int, _: object) -> None:
     global received
     if number in WORDS and received is None:
         received = signal.Signals(number)
-        # The end of the command causes later failures in callbacks and in other threads.
+        # Hide later failures in callbacks and in other threads: the end of the command causes them.
         sys.unraisablehook, threading.excepthook = lambda _: None, lambda _: None
     if received is not None:
         if signal.SIGALRM in _taken:

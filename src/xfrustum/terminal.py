@@ -6,7 +6,7 @@ from contextlib import suppress
 
 _UNPRINTABLE = re.compile(
     "["
-    r"\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, but for tab and line feed
+    r"\x00-\x08\x0b-\x1f\x7f-\x9f"  # control characters except tab and line feed
     # Characters that are invisible, or that change the direction of writing:
     r"\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
     r"\U000e0000-\U000e0fff"
@@ -18,7 +18,8 @@ _UNPRINTABLE = re.compile(
 _ESCAPED_BYTES = range(0xDC80, 0xDD00)
 
 
-#: Largest number of characters of a message; the middles of long words go first, then its own.
+#: Largest number of characters of a message; a longer message loses the middles of long words
+#: first, then its own middle.
 MAX_MESSAGE = 500
 
 
@@ -28,7 +29,7 @@ def say(message: str) -> None:
     if len(line) > MAX_MESSAGE:
         line = re.sub(
             r"\S{101,}", lambda long: f"{long[0][:48]}..{long[0][-48:]}", line
-        )  # names, mostly
+        )  # mostly file names
         half = (MAX_MESSAGE - len(" .. ")) // 2
         line = line if len(line) <= MAX_MESSAGE else f"{line[:half]} .. {line[-half:]}"
     # sys.stderr may be None.

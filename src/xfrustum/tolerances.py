@@ -5,7 +5,7 @@
 TOLERANCE_PX = 0.5
 
 #: Largest share of pixels with a wrong surface. Displacement is judged by its 99th percentile,
-#: which leaves one pixel in a hundred out; as many may show another surface.
+#: which ignores one pixel in a hundred; the same share of pixels may show another surface.
 MAX_WRONG = 1e-2
 
 #: largest share of pixels whose wrong surface is charged to depth

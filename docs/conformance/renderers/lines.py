@@ -63,7 +63,7 @@ SMALLEST = float(np.finfo(np.float32).tiny)
 
 
 def check_float32(scene: Any, origins: Any = 0.0) -> None:
-    """Raise NotImplementedError where float32 does not hold a scene's lengths, or where its lines begin."""
+    """Raise NotImplementedError if float32 cannot store the scene's lengths or line origins."""
     size = np.abs(scene["vertices"])
     if ((size > 0) & (size < SMALLEST)).any():
         raise NotImplementedError("lengths below 1.2e-38, which float32 does not hold")

@@ -77,7 +77,7 @@ def uniforms(one: dict[str, Any]) -> Any:
 
 
 def draw(corners: Any, passes: list[dict[str, Any]], size: tuple[int, int]) -> Any:
-    """Return numbers plus one (H, W) of triangles with corners (3 F, 3): the passes over each other."""
+    """Return triangle numbers plus one (H, W) for corners (3 F, 3), drawn in all passes."""
     width, height = size
     texture = device.create_texture(
         size=(width, height, 1), format="r32uint", usage=TARGET | wgpu.TextureUsage.COPY_SRC

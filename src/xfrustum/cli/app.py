@@ -55,7 +55,7 @@ class Commands(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands by use, each with its first sentence."""
+        """Write the commands by use, each with the first sentence of its help."""
         for title, (_, names) in USES.items():
             commands = [(name, self.get_command(ctx, name)) for name in names.split()]
             with formatter.section(title):

@@ -20,7 +20,7 @@ _SAMPLES = click.IntRange(1, MAX_SAMPLES)
 
 
 def _points(text: str) -> int | float:
-    """Return a number of points, or the largest error, below one, of a share such as 5%."""
+    """Return a number of points, or a largest error below one for a share such as 5%."""
     if text.endswith("%"):
         # A type distinguishes the meanings: a float is an error, an integer a number of points.
         return float(options.BELOW_1.read(str(float(text[:-1]) / 100)))
@@ -129,7 +129,7 @@ class Light(Asked):
 
 
 def light_options(*names: str) -> Any:
-    """Return some of the options as one Light; the others are None."""
+    """Return some of the options as one Light; all other options are None."""
     own = {name: vars(Light)[name] for name in names}
     # A command without an option reads None, as if the user had left it out.
     return options.group(lambda **stated: Light(**(dict.fromkeys(ALL) | stated)), **own)

@@ -35,7 +35,8 @@ def trace(request: _Trace) -> None:
     With --json, count the pixels that Embree alone and Mitsuba alone would get wrong.
 
     With interreflection, the color of a pixel is the mean of light paths traced by Mitsuba; the
-    channels variance.R, variance.G and variance.B have its variance. Shadows alone are exact.
+    channels variance.R, variance.G and variance.B have its variance. Shadows without
+    interreflection are exact.
     """
     opened = request.light.applied(options.open_scene(request.scene))
     chosen = options.chosen_aperture(opened, request.aperture)

@@ -180,7 +180,7 @@ class _Judge(_Judged):
 
 @options.command("xfrustum conformance judge images --truth conformance-1.0.zip", conformance)
 def judge(request: _Judge) -> int:
-    """Judge finished images, IMAGES/NAME/hogel_{i}x{j}.png or .exr; exit status as of `run`."""
+    """Judge finished images, IMAGES/NAME/hogel_{i}x{j}.png or .exr; exit status as for `run`."""
     from xfrustum.reports.conformance.run import CaseRenderer
 
     return request.judge(CaseRenderer(images=request.images))
