@@ -125,8 +125,9 @@ def test_effects_that_a_scene_does_not_need_change_no_bit(
     assert_same_bits(request, DoubleFrustum(near=0.1))
 
 
-@pytest.mark.parametrize("frustum", [CENTERED, RECENTERED], ids=["centered", "recentered"])
-@pytest.mark.parametrize("center", [(900.0, 0.0, -60.0), (0.0, -900.0, 50.0)])
+@pytest.mark.parametrize(
+    ("frustum", "center"), [(CENTERED, (900.0, 0.0, -60.0)), (RECENTERED, (0.0, -900.0, 50.0))]
+)
 def test_a_mirror_ball_beside_the_frusta_needs_no_effect(
     frustum: Frustum, center: tuple[float, float, float]
 ) -> None:

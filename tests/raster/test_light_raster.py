@@ -62,7 +62,7 @@ def beyond_snapping(scene: Scene, image: HogelImage) -> Floats:
     ("name", "settings"),
     thinned(
         [
-            *((name, reversed_d32f(near)) for name in DRESSED for near in (2.0, 1e-4)),
+            *zip(DRESSED, map(reversed_d32f, (2.0, 1e-4, 2.0, 1e-4, 2.0)), strict=True),
             ("asymmetric", DoubleFrustum(near=1.0, mapping=DepthMapping.LOGARITHMIC)),
             ("asymmetric", DoubleFrustum(near=1.0, mapping=DepthMapping.GL)),
         ],

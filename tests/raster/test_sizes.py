@@ -21,37 +21,23 @@ def on_film(width: int, height: int) -> Scene:
     return view("crossing", (width, height))
 
 
-def longest_side() -> int:
-    context = open_context()
-    with context:
-        longest = largest_image()
-    context.release()
-    return longest
-
-
-def write_scene(folder: Path, resolution: int) -> Path:
-    path = folder / "large.toml"
-    size = film(
-        (80.0, 60.0), (81, 61), (resolution, resolution), fov_deg=(60.0, 60.0), reach=(150.0, 150.0)
-    )
-    path.write_text(size + part("box", 20.0, (0.0, 0.0, -50.0)))
-    return path
-
-
 def test_an_image_beyond_device_and_memory_is_a_one_line_error(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The device's longest side in both directions exceeds the device or the memory."""
-    longest = longest_side()
+    with open_context() as opened:
+        longest = largest_image()
+    opened.release()
     with pytest.raises(
         InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"
     ):
         Rasterizer(on_film(longest + 1, 8))
-    scene, out = write_scene(tmp_path, longest), tmp_path / "raster.exr"
+    scene, out = tmp_path / "large.toml", tmp_path / "raster.exr"
+    size = film((80.0, 60.0), (81, 61), (longest, longest), (60.0, 60.0), (150.0, 150.0))
+    scene.write_text(size + part("box", 20.0, (0.0, 0.0, -50.0)))
     assert main(["raster", str(scene), "--near", "1", "--out", str(out)]) == 2
     message = capfd.readouterr().err
-    assert message.startswith("xfrustum: error: ")
-    assert message.count("\n") == 1
+    assert message.startswith("xfrustum: error: ") and message.count("\n") == 1
     assert "choose a smaller frustum.resolution" in message
     assert not out.exists()
 

@@ -66,16 +66,13 @@ def test_all_but_few_pixels_show_the_true_triangle(name: str, depth: DepthFormat
 
 def test_negated_directions_show_other_triangles() -> None:
     scene, tile = seen("asymmetric")
-    (column, row), (width, height) = (2, 7), PIXELS
-    opposite = (width - 1 - column, height - 1 - row)
-    (drawn, _), (_, true) = drawn_and_true(scene, tile, [(column, row), opposite], DepthFormat.D32F)
+    (drawn, _), (_, true) = drawn_and_true(scene, tile, [(2, 7), (9, 2)], DepthFormat.D32F)
     assert np.count_nonzero(drawn != true) > 0.1 * np.count_nonzero(true >= 0)
 
 
 @pytest.mark.parametrize(
     ("name", "steepness"),
     [
-        ("car", 1e-5),
         ("asymmetric", 1e-5),
         ("asymmetric-recentered", 1e-5),
         (BEHIND, 1e-5),
@@ -106,24 +103,12 @@ def test_every_channel_is_true_where_the_triangle_is(name: str, steepness: float
 
 def test_mirrors_reflect_by_an_effect_of_their_own() -> None:
     scene, tile = seen("mirror-sphere")
-    effects = ALL_EFFECTS - {Effect.REFLECTION}
-    images = []
-    for chosen in (ALL_EFFECTS, effects):
-        content = PlateContent(color=ColorType.FLOAT32, effects=chosen)
+    colors = []
+    for effects in (ALL_EFFECTS, ALL_EFFECTS - {Effect.REFLECTION}):
+        content = PlateContent(color=ColorType.FLOAT32, effects=effects)
         with DirectionRenderer(scene, tile, content) as renderer:
-            images += [image.color for image in renderer.images([(5, 4)])]
-    assert np.abs(images[0] - images[1]).max() > 0.1
-
-
-def test_means_and_one_side_of_the_plate_are_refused() -> None:
-    scene, tile = seen("asymmetric")
-    with pytest.raises(InputError, match="c-star"):
-        DirectionRenderer(scene, tile, PlateContent(effects=ALL_EFFECTS - {Effect.C_STAR}))
-    sampled = replace(scene, sampling=Sampling(aperture=4))
-    with pytest.raises(InputError, match="several samples"):
-        DirectionRenderer(sampled, tile, PlateContent())
-    with DirectionRenderer(sampled, tile, PlateContent(channels=(Channel.TRIANGLE,))):
-        pass
+            colors += [image.color for image in renderer.images([(5, 4)])]
+    assert np.abs(colors[0] - colors[1]).max() > 0.1
 
 
 @pytest.mark.parametrize("height", [None, -50.0, 50.0])
@@ -138,7 +123,15 @@ def test_nothing_is_drawn_of_an_empty_scene(height: float | None) -> None:
     assert not image.color.any() and np.isnan(image.height).all()
 
 
-def test_a_screen_among_the_surfaces_is_refused() -> None:
-    scene, tile = seen("car-transfer")
-    with pytest.raises(InputError, match="reach the screen"):
-        DirectionRenderer(scene, tile, PlateContent())
+def test_means_one_side_of_the_plate_and_a_screen_among_surfaces_are_refused() -> None:
+    scene, tile = seen("asymmetric")
+    sampled = replace(scene, sampling=Sampling(aperture=4))
+    for request, effects, message in (
+        (scene, ALL_EFFECTS - {Effect.C_STAR}, "c-star"),
+        (sampled, None, "several samples"),
+        (seen("car-transfer")[0], None, "reach the screen"),
+    ):
+        with pytest.raises(InputError, match=message):
+            DirectionRenderer(request, tile, PlateContent(effects=effects))
+    with DirectionRenderer(sampled, tile, PlateContent(channels=(Channel.TRIANGLE,))):
+        pass
