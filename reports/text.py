@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SENTENCES = {
     Reason.CROSSES: "not predicted: surfaces cross the plate",
-    Reason.STARVED: "the depth buffer shows other surfaces than those that are displaced",
+    Reason.STARVED: "the depth buffer shows other surfaces than the displaced ones",
     Reason.ROUNDED: "smaller than the rounding of float32 positions",
     Reason.LARGE: (
         "triangles are far larger than the plate: "
@@ -29,10 +29,12 @@ SENTENCES = {
         "surfaces are parallel to the plate: the depth of all their pixels is rounded alike"
     ),
     Reason.FEW: f"fewer than {MIN_PIXELS} pixels are predicted: chance decides",
-    Reason.OUTSIDE: "points from outside the film are shown, which the truth does not have",
+    Reason.OUTSIDE: "points from outside the film are shown; the truth does not have them",
     Reason.STEPS: "all depths lie within two steps below one: float32 rounds many pixels alike",
-    Reason.ALIGNED: "edges run along rows or columns: all pixels beside one become wrong together",
-    Reason.THIN: "surfaces are thinner than a pixel: the truth shows a part of their contours",
+    Reason.ALIGNED: (
+        "edges run along rows or columns: all pixels beside an edge become wrong together"
+    ),
+    Reason.THIN: "surfaces are thinner than a pixel: the truth shows only a part of their contours",
 }
 
 
@@ -190,7 +192,7 @@ def selfcheck_table(check: SelfCheck) -> str:
     )
     lines += [
         f"by direction: {pixels:,} pixels of {sum(each.directions for each in check.directions):,} "
-        f"images, {still_open:,} not proven, {differing:,} unlike those of hogels, {wrong:,} wrong"
+        f"images, {still_open:,} not proven, {differing:,} unlike pixels of hogels, {wrong:,} wrong"
     ]
     lines += [
         f"{each.scene} by direction: hogel column {each.columns[0] + at.column}, "

@@ -413,7 +413,7 @@ def _notes(measured: Sweep) -> dict[str, str]:
         )
     if not measured.options.causes:
         notes["left_out"] = (
-            f"Left out, as asked for: {', '.join(LEFT_OUT[:-1])} and {LEFT_OUT[-1]}. Wrong pixels "
+            f"Left out on request: {', '.join(LEFT_OUT[:-1])} and {LEFT_OUT[-1]}. Wrong pixels "
             "are counted and shown, and not explained."
         )
     good = equally_good(rows)

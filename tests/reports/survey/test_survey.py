@@ -139,7 +139,7 @@ def test_samples_are_of_hogels_that_can_show_something(tmp_path: Path) -> None:
     sampled, everything, share = (result.summary() for result in (most, whole, few))
     assert sampled["beyond"] == everything["beyond"] > 0
     assert sampled["share_beyond_at_most"] == everything["share_beyond_at_most"]
-    assert f"{96 - seeing} hogels see nothing of the scene and are not judged" in most.sentence
+    assert f"{96 - seeing} hogels cannot show the scene and are not judged" in most.sentence
     bound = share_beyond(share["beyond"], 3, seeing, risk_of_claim(1))
     assert (share["judged"], share["share_beyond_at_most"]) == (3, bound * seeing / 96)
 
