@@ -152,7 +152,7 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
 
 
 def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
-    """Return the upper bound on the share of a plate's hogels, wrong with probability `risk`."""
+    """Return an upper bound, wrong with probability `risk`, on the share of a plate's hogels."""
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
         return possible
@@ -191,8 +191,8 @@ def clean_sample(share: float, hogels: int, risk: float) -> int:
     return size
 
 
-#: Default number of sampled hogels. If none is beyond the limits, at most 1 % of all hogels are,
-#: with 95 % confidence (0.05 to the power 1/299 is 0.99).
+#: Default number of sampled hogels. If none of them is beyond the limits, at most 1 % of all hogels
+#: are beyond the limits, with 95 % confidence (0.05 to the power 1/299 is 0.99).
 DEFAULT_SAMPLE = 300
 
 

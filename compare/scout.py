@@ -1,9 +1,9 @@
 """Scan of apertures all over a plate by coarse certified films, and the `auto` choice.
 
-The displacement by the near offset is (W/2) |u| n / (|z| + n). It depends on the *nearest visible*
-|z|. This depth differs between apertures by orders of magnitude even if their pictures hardly
-differ. Apertures are therefore chosen by their visible content near the plate, not only by position
-(docs/method.md, "The plate").
+The displacement by the near offset is (W/2) |u| n / (|z| + n). It depends on the |z| of the
+*nearest visible* surface. This depth differs between apertures by orders of magnitude even if their
+pictures hardly differ. Apertures are therefore chosen by their visible content near the plate, not
+only by position (docs/method.md, "The plate").
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FILM_PIXELS = 24
 #: 40,000 triangles.
 LATTICE_APERTURES = 400
 
-#: Largest number of scanned apertures, including neighbors of the worst.
+#: Largest number of scanned apertures, including neighbors of the worst apertures.
 MAX_APERTURES = 1000
 
 #: Number of apertures that are scanned because their cells contain the vertices nearest to the
@@ -95,7 +95,7 @@ class CoarseView:
 
     @cached_property
     def pixels_per_near(self) -> float:
-        """The 99th percentile of displacement over n, as n tends to 0: pixels per scene unit."""
+        """The 99th percentile of displacement per n, as n tends to 0, pixels per scene unit."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self._p99(self.points.radius / np.abs(self.height))
 
@@ -155,7 +155,7 @@ class PlateScan:
         return np.array([look.wrong_share(settings, self.scene) for look in self.looks])
 
     def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[CoarseView]:
-        """Return the views with the largest displacement, worst first (None: for small near)."""
+        """Return the views with the largest displacement, worst first; None: for small near."""
         of_small_near = [look.pixels_per_near for look in self.looks]
         errors = np.array(of_small_near) if settings is None else self.displacements(settings)
         return [self.looks[number] for number in np.argsort(-errors, kind="stable")[:count]]

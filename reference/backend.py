@@ -1,9 +1,9 @@
 """Device of Dr.Jit's arrays, and their conversion from and to NumPy.
 
 The arrays are on the CPU, through LLVM, or on a CUDA GPU, according to `ARRAYS`. Kernels have the
-same source on both and return the same bits. A CUDA driver's compiler may fuse a product and a sum
-into one rounding; products of doubles that affect a decision are therefore computed by `product`
-(docs/truth.md).
+same source on CPU and GPU and return the same bits. A CUDA driver's compiler may fuse a product and
+a sum into one rounding; products of doubles that affect a decision are therefore computed by
+`product` (docs/truth.md).
 
 Vectors are sequences of coordinates. Each coordinate is an array with one lane for each point, line
 or row. `drjit.dot` and `drjit.cross` fuse products with sums; `dot` and `cross` of this module

@@ -91,7 +91,7 @@ def _pixels_on_axis(
 
 
 def _on_axis(axis: int, number: int) -> tuple[int, int]:
-    """Return a hogel of a column (axis 0) or row; all its hogels have one film along the axis."""
+    """Return a hogel of a column (axis 0) or row; its hogels share their film along the axis."""
     return (number, 0) if axis == 0 else (0, number)
 
 

@@ -184,7 +184,7 @@ def prepare_llvm() -> str:
         return FOUND_BY_DRJIT
     if (
         "HOME" not in os.environ
-    ):  # Without HOME, Dr.Jit would print a message about its cache; the user's entry has a folder
+    ):  # Without HOME, Dr.Jit prints a message: name a cache folder in the home of the user's entry
         with suppress(RuntimeError):
             os.environ.setdefault(CACHE_VARIABLE, str(Path.home() / ".drjit"))
     named = os.environ.get(LLVM_VARIABLE)

@@ -359,7 +359,7 @@ def _smoothed(where: _Places, vertex_normals: Table, flat: Vector) -> list[Any]:
 
 
 def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
-    """Return the power where a mask is true, else zero; the largest exponent has `digits`."""
+    """Return the power where a mask is true, else zero; exponents have at most `digits` bits."""
     if digits is not None and digits <= MAX_SQUARING_DIGITS:
         whole, power = UInt32(exponent), Float64(1.0)
         for digit in range(digits):
@@ -378,7 +378,7 @@ class Shader:
     """The light model on one scene's surfaces.
 
     `effects` are the evaluated effects; None selects the effects that the scene needs, and all
-    effects at points beyond the reach. Cameras among them have no influence, because the surface of
+    effects at points beyond the reach. Effects of cameras have no influence, because the surface of
     each pixel is already decided.
     """
 
@@ -482,13 +482,13 @@ class ShadowedShader:
         return color
 
     def hidden(self, triangle: Indices, position: Floats, direction: Floats, light: Floats) -> Mask:
-        """Return which points (N, 3) of triangles (N,) are hidden from a light.
+        """Return a mask (N,) of points (N, 3) of triangles (N,) that are hidden from a light.
 
         `direction` (N, 3) leads from the viewer to each point; `light` (3,) leads to the light.
         """
         hidden = np.zeros(len(triangle), dtype=np.bool_)
         normal = self._scene.normals[triangle]
-        # The visible side faces the light where viewer and light are on one side of the plane.
+        # The visible side faces the light if viewer and light are on one side of the plane.
         facing = np.flatnonzero(np.einsum("ij,ij->i", normal, direction) * (normal @ light) < 0)
         rays = RayBatch(
             origins=position[facing],
@@ -507,10 +507,10 @@ class ShadowedShader:
         return hidden
 
     def _coplanar(self, first: Indices, second: Indices) -> Mask:
-        """Return which triangles lie in the planes of others (K,), decided in integers."""
+        """Return a mask (K,) of triangles in the plane of another triangle, decided in integers."""
         a, b = self._mesh.triangles[first], self._mesh.triangles[second]
         coplanar: Mask = first == second
-        # Doubles rule out most: a corner farther from the plane than the bound of its determinant.
+        # Doubles exclude most pairs: a corner is off the plane by more than its rounding bound.
         edges = np.abs(a[:, 1:] - a[:, :1])
         offsets = b - a[:, :1]
         normal = np.cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])

@@ -2,7 +2,7 @@
 
 **Tracers.** Embree, in single precision and robust mode, and Mitsuba, on all processors or a GPU,
 propose the first triangle of each ray, independently of each other. Positions are computed from the
-triangle in double precision, and `certify` tests the proposal.
+triangle in double precision. Proposals are compared with the decisions of `certify`.
 
 **Sensor**, for any Mitsuba scene and any integrator:
 

@@ -1,6 +1,6 @@
 """Light transport that a rasterizer leaves out, by Mitsuba and the crossed frustum's sensor.
 
-Shadows alone need no paths: they are decided exactly (`shading`). Mitsuba traces interreflection,
+Shadows by themselves need no paths: `shading` decides them exactly. Mitsuba traces interreflection,
 with shadows or without, and direct light as a second opinion.
 
 Paths start at the reference's samples: each path takes, at random, one of the centers of
@@ -72,7 +72,7 @@ class Table:
 
 
 class Textures:
-    """All pictures in one table, four bytes a texel; see `shading.light.Textures`."""
+    """All pictures in one table, four bytes a texel; see `shading.Textures`."""
 
     def __init__(self, textures: tuple[Bytes, ...], texture_of_triangle: Numbers) -> None:
         packed = [np.ascontiguousarray(texture).view("<u4").ravel() for texture in textures]

@@ -31,9 +31,9 @@ RIGHT = -1
 class CauseNumbers:
     """Effect of one link of the chain, measured and predicted; None for an undefined number."""
 
-    #: judged pixels charged to the link that show the wrong surface
+    #: number of judged pixels with a wrong surface, charged to the link
     surface: int
-    #: judged pixels charged to the link that show another triangle
+    #: number of judged pixels with another triangle, charged to the link
     triangle: int
     displacement_rms_px: (
         float | None

@@ -121,7 +121,7 @@ class RadianceBudget(ShortRepr):
 
 
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
-    """Return the colors between the local links of a chain, (1 + links, H, W, 3) linear RGB.
+    """Return the colors before and after each local link, (1 + links, H, W, 3) linear RGB.
 
     The chain's images are sampled once per pixel: T0 to R1 shaded along true lines, R1 shaded with
     the eye vector of the camera that drew each point, and R1 as the device shaded it. Each color is

@@ -72,7 +72,7 @@ class Within:
 
 @dataclass(frozen=True, kw_only=True)
 class DepthSteps:
-    """Lowest and highest stored minus exact depth of a format, in steps."""
+    """Ranges of the difference of stored and exact depth of a format, in steps."""
 
     written_steps: Range
     interpolated_steps: Range
@@ -109,7 +109,7 @@ class Measured:
 
     @cached_property
     def model(self) -> DeviceModel:
-        """The model of the device by measurement only."""
+        """Model of the device from measurements only."""
         fixed = {depth.value: self.stored_range(depth) for depth in FIXED}
         return DeviceModel(
             name=self.fingerprint.device["renderer"],
@@ -137,12 +137,12 @@ class Measured:
 
     @cached_property
     def viewport(self) -> dict[str, int]:
-        """Wrong pixels for each way to round corners to the grid, with its best tie rule."""
+        """Number of wrong pixels for each way of rounding corners to the grid, by its best rule."""
         return {name: min(self._differs(self.subpixel_bits, name).values()) for name in ROUNDED}
 
     @cached_property
     def ties(self) -> dict[str, int]:
-        """Wrong pixels for each of the best tie rules, with corners rounded in the best way."""
+        """Number of wrong pixels by each of the best tie rules, for the best way of rounding."""
         counts = self._differs(
             self.subpixel_bits, min(self.viewport, key=self.viewport.__getitem__)
         )
@@ -197,7 +197,7 @@ class Measured:
         return None
 
     def written_steps(self, depth: DepthFormat) -> Range:
-        """Return lowest and highest stored minus written depth, in steps."""
+        """Return the range of the difference of stored and written depth, in steps."""
         wrote, kept = self._written(depth)
         off = kept - wrote * LARGEST.get(depth, 1)
         return _ends(off if depth in FIXED else off / FLOAT32_ROUNDING)
@@ -210,7 +210,7 @@ class Measured:
         return wrote[valid].astype(np.float64), kept[valid].astype(np.float64)
 
     def interpolated_steps(self, depth: DepthFormat) -> Range:
-        """Return lowest and highest stored minus interpolated depth, in steps."""
+        """Return the range of the difference of stored and interpolated depth, in steps."""
         return _ends(self._off_planes(snapped=self.snaps_depth, depth=depth))
 
     def varyings(self) -> dict[str, float]:

@@ -195,7 +195,7 @@ def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
 
 def one_camera_name(name: str, model: RendererModel) -> str:
-    """Return a number's defect name, with the prefix back- or front- if one camera deviates."""
+    """Return a number's defect name, with back- or front- before it if only one camera deviates."""
     camera = model.one_camera
     if camera is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
         return name

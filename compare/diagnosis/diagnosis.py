@@ -187,8 +187,8 @@ def with_correction_tested(diagnosis: Diagnosis, hogels: Iterable[Hogel]) -> Dia
     """Return a diagnosis that keeps its defects only if all hogels pass after correction for them.
 
     A diagnosis is based on the wrong pixels of some hogels. The verdict applies the limits to all
-    hogels, before and after correction. If a hogel still fails, the defects become guesses. Their
-    share is then the explained part of the wrong pixels in all judged hogels.
+    hogels, before and after correction. If a hogel still fails, the defects become guesses. The
+    share of a guess is the explained part of the wrong pixels in all judged hogels.
     """
     judged = [hogel for hogel in hogels if hogel.as_found and hogel.corrected]
     failed = tuple(hogel.aperture.index for hogel in judged if not hogel.mended)
@@ -411,7 +411,8 @@ def _unfitted(
             for size in (replace(way, scene_scale=factor) for factor in MISTAKEN_UNITS):
                 tried += [size, *equivalents(test, size)]
     if fit.by_color:
-        # Registration scales the whole picture alike. A near offset scales it by depth.
+        # Registration scales the whole picture by one factor. The factor of a near offset depends
+        # on depth.
         tried.append(compositions(test, with_near(test, model))[0])
         if nominal not in (model, plain):
             # If only one half is mirrored, registration may have turned the picture to fit this

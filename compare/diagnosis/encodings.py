@@ -68,10 +68,10 @@ NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
 # reported first.
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 
-# Limits of the mean distance, in pixels, by which claims fail: at most `MAX_HELD_MISFIT_PX` for a
-# correct reading, 20 times the distance by which rasterizers snap edges (`geometry_fit.SNAP_PX`),
-# and at least `MIN_FAILED_MISFIT_PX` for a failed reading. A single claim counts at most the cap. A
-# triangle number that does not exist counts the cap.
+# Limits of the mean distance, in pixels, by which claims fail. A correct reading has at most
+# `MAX_HELD_MISFIT_PX`, 20 times the distance by which rasterizers snap edges
+# (`geometry_fit.SNAP_PX`). A failed reading has at least `MIN_FAILED_MISFIT_PX`. A single claim
+# counts at most the cap. A triangle number that does not exist counts the cap.
 MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
 # Smallest ratio of the misfit of the stated reading to the misfit of a better reading. On a fine
@@ -107,8 +107,8 @@ MAX_LOSSY_STEPS = 24
 
 # Smallest number of gray values in a shaded picture; masks and outlines have fewer. Smallest
 # correlation of brightness with the truth; numbers have random correlation. Smallest share of
-# pixels as bright as the truth at which a picture is read as sRGB: nearly all pixels are as bright
-# under the correct reading, and few under another reading.
+# pixels as bright as the truth at which a picture is read as sRGB. Under the correct reading nearly
+# all pixels are as bright as the truth, under another reading few.
 MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
 
 # Another transfer function is accepted if it reduces the distance between the brightness quantiles
@@ -347,7 +347,7 @@ class _Search:
         return lru_cache(None)(lambda index: _stated(self.reference, self.nominal, index))
 
     def reading(self) -> FoundEncoding | None:
-        """Return another reading that holds if the stated reading fails, else None."""
+        """Return a reading that holds in place of the stated reading if that fails, else None."""
         stated, pictures = self.stated, any(map(is_picture, self.images))
         triangles, objects = (replace(stated, encoding=encoding) for encoding in NUMBER_ENCODINGS)
         if stated.encoding is Encoding.RGB:

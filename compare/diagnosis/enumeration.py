@@ -63,8 +63,8 @@ COMPOSITIONS: tuple[tuple[Hypothesis, ...], ...] = (
 MIN_DIFFERING_PIXELS = 20
 
 # A composition is as good as the best if its gain of right pixels is at least this share of the
-# best gain. For example, culling the faces of a closed body toward the viewer gives the same image
-# as drawing the surface nearest to the plate. Two percent allow for rounding of outlines.
+# best gain. For example, culling the front faces of a closed body gives the same image as drawing
+# the surface nearest to the plate. Two percent allow for rounding of outlines.
 MIN_ALIKE_FRACTION = 0.98
 
 # Axes drawn in place of x, y and z.
@@ -315,9 +315,10 @@ def equivalents(
 def _moved_instead(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
     """Yield equivalents of moved or scaled scenes with centered frusta.
 
-    An image depends only on (P - a) / s. Moving the apertures to one side is equivalent to moving
-    the scene to the other side. Enlarging the scene is equivalent to shrinking the plate by the
-    same factor, except for surfaces beyond the reach.
+    An image depends only on the slopes (P - a) / s from its aperture a to points P at depths s.
+    Moving the apertures to one side is equivalent to moving the scene to the other side. Enlarging
+    the scene is equivalent to shrinking the plate by the same factor, except for surfaces beyond
+    the reach.
     """
     nominal = test.nominal
     if test.reference.scene.frustum.screen is not None:

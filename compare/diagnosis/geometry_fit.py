@@ -91,8 +91,8 @@ CORNER_PITCHES = 0.01
 # The fit is accurate to a fraction of a pixel, so that edges farther away are not limiting.
 NEIGHBORHOOD_PX = 0.5
 
-# Displacement of outlines, in pixels, above which a number counts as unbounded, and the limit of
-# numbers in the solver, far above the displacement of any bounded number.
+# Displacement of outlines, in pixels, above which a number counts as unbounded. Limit of numbers in
+# the solver, in pixels of displacement, far above any bounded number.
 UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
 
 # Displacement of outlines by a step, in pixels, below which it is noise of finite differences. The
@@ -127,8 +127,9 @@ class GeometryFit:
     #: (P,) ends of the intervals of the numbers; the nominal value for a number that was not fitted
     low: Floats
     high: Floats
-    noise_px: float = 0.0  #: largest failure of a claim, except the worst `MAX_MISPLACED_FRACTION`
-    alternatives: tuple[RendererModel, ...] = ()  #: equally simple, with other groups
+    #: largest failure of a claim, without the worst share `MAX_MISPLACED_FRACTION` of the claims
+    noise_px: float = 0.0
+    alternatives: tuple[RendererModel, ...] = ()  #: equally simple candidates with other groups
     spoiled: frozenset[tuple[int, int]] = frozenset()  #: hogels left out, by their file names
     by_color: bool = False  #: whether the candidate comes from registration of pictures
 

@@ -129,7 +129,7 @@ class TestSet:
         A pixel is explained if it is wrong under the nominal model, and under the candidate either
         right or wrong by a cause that is not a defect: edge, order, lost. Pixels that only the
         candidate makes wrong count against it. The share is computed over all pixels and over
-        covered pixels, and the smaller one is returned: a candidate without visible surfaces
+        covered pixels, and the smaller share is returned: a candidate without visible surfaces
         explains black pixels, but no covered pixels.
         """
         before, after = self.mask(self.nominal), self.mask(model, explained=True)

@@ -300,7 +300,7 @@ def display_loss(reference: EyeReference, views: Views) -> LossMaps:
 
 
 def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
-    """Return the loss of a renderer's hogels against true ones (B against C).
+    """Return the loss of a renderer's hogels against true hogels (B against C).
 
     Pixels are wrong by the rules of `display_loss`, except for hidden points that true hogels show
     as well. The displacement is the angle between the surface point of a hogel's pixel and the

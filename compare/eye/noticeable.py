@@ -173,8 +173,8 @@ class DisplayLimits:
     pitch_arcmin: float
     #: diffraction limit of a hogel
     diffraction_arcmin: float | None
-    #: Depths of field: largest distances from the plate at which the pitch of the hogels or the
-    #: viewer's acuity limits the resolution, and not the pixels; infinite if pixels never limit it
+    #: Depths of field: largest distances from the plate up to which pixels do not limit the
+    #: resolution, but the pitch of the hogels or the viewer's acuity does; may be infinite
     behind: float
     before: float
     #: pixels of a hogel that a pupil catches along an axis

@@ -102,7 +102,7 @@ class MeasuredBy(StrEnum):
 
 
 def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> int:
-    """Return the most pixels that a wrong composition makes wrong without showing in outlines."""
+    """Return the largest number of wrong pixels of a wrong composition that keeps the outlines."""
     scene, answer, worst = reference.scene, seen.answer, 0
     outlines = seen_outlines(scene, answer, true_outlines(scene, answer))
     aperture, known = answer.camera.aperture, pictures.Layers()
@@ -310,7 +310,7 @@ class Figures:
     """The numbers of an image, with the images in which they were counted."""
 
     numbers: HogelNumbers
-    claimed: int  # shown pixels where the image shows something
+    claimed: int  # number of `shown` pixels that the image itself covers
     cause_masks: Causes | None
     answer: HogelImage  # image that should be shown
     image: HogelImage  # judged image, upright

@@ -62,7 +62,7 @@ Steps = tuple[Floats, Floats]
 
 
 def steps_of(values: NDArray[np.generic]) -> Steps:
-    """Return absolute differences of neighboring numbers (H, W); of labels, 1 where unequal."""
+    """Return absolute differences of neighboring numbers (H, W); 1 between different labels."""
     if np.issubdtype(values.dtype, np.floating):
         return np.abs(np.diff(values, axis=1)), np.abs(np.diff(values, axis=0))
     across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
@@ -193,7 +193,7 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
 def _peak(
     places: Indices, axis: Indices, weights: Floats, shown: Steps
 ) -> tuple[float, float] | None:
-    """Return the displacement (rows, columns) of most contrast; None if none stands out."""
+    """Return the displacement (rows, columns) with most contrast; None without a clear maximum."""
     reach = MAX_DISPLACEMENT_PX
     scores = counted = np.zeros((2 * reach + 1, 2 * reach + 1))
     moves = np.indices(scores.shape)[:, None]

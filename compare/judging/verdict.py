@@ -72,7 +72,8 @@ class Limits:
     """Limits within which a hogel is right, and how its image is judged."""
 
     wrong: float = MAX_WRONG  #: largest share of shown pixels with wrong surface, color or outline
-    displacement_px: float | None = TOLERANCE_PX  #: of 99 % of points or outlines; None: no limit
+    #: largest displacement of 99 % of the points or outlines; None without a limit
+    displacement_px: float | None = TOLERANCE_PX
     judging: Judging = field(default_factory=Judging)
 
     def __post_init__(self) -> None:

@@ -330,7 +330,7 @@ def outside_film(mask: Mask, shown: HogelImage, scene: Scene, bundle: RayBundle)
 
 
 def hidden_pixels(mask: Mask, shown: SurfaceImage, scene: Scene, hides: Occluded) -> Mask:
-    """Return the pixels of a mask (H, W) that show a hidden point; no surfaces in the plate."""
+    """Return the pixels, of a mask (H, W) of surfaces off the plate, that show a hidden point."""
     pixels = np.flatnonzero(mask)
     hidden = np.zeros_like(mask)
     hidden.flat[pixels] = hides(DrawnPoints.from_image(shown, pixels).surface_points(scene))
@@ -340,7 +340,7 @@ def hidden_pixels(mask: Mask, shown: SurfaceImage, scene: Scene, hides: Occluded
 def floating_pixels(
     mask: Mask, answer: HogelImage, shown: HogelImage, lines: RayBundle, hides: Occluded
 ) -> Mask:
-    """Return the pixels of a mask (H, W) with a point without a surface at or close behind it.
+    """Return the pixels of a mask (H, W) whose points float in front of all surfaces.
 
     Positions in wrong units may be on the right lines, in front of every surface. A point is moved
     away along its line by `FLOATING_SHARE` of its depth. If no surface hides it there, or
@@ -407,7 +407,7 @@ class ErrorMaps(ShortRepr):
     judged: Mask
     #: pixels that show the wrong surface; None without the scene
     surface: Mask | None
-    #: pixels among these whose point belongs outside the true film
+    #: pixels of `surface` whose point belongs outside the true film
     outside: Mask | None
     #: pixels that show another triangle number
     triangle: Mask
@@ -494,7 +494,7 @@ def _updated_errors(
     pixels = differing_pixels(cached.raster, raster)
     if not pixels.size:
         return replace(cached, raster=raster)
-    # The differing pixels as images of one row.
+    # Take the differing pixels as images of one row.
     before, after = truth.at(pixels), raster.at(pixels)
     judged = cached.judged.reshape(-1)[pixels][None]
     places = film_places(after, truth.camera)
@@ -548,7 +548,7 @@ def names_triangles(image: HogelImage) -> bool:
 
 
 def differing_pixels(first: HogelImage, second: HogelImage) -> Indices:
-    """Return the flat numbers of the pixels at which two images show different things."""
+    """Return the flat numbers of the pixels at which two images differ."""
     differs = (first.triangle != second.triangle) | (first.object != second.object)
     if first.position.dtype == second.position.dtype == np.float32:
         # Compare bit by bit, because NaN must equal NaN here. Zeros of different sign count as

@@ -150,7 +150,7 @@ class LeftOutNumbers:
     mean: float
     mean_of_image: (
         float | None
-    )  #: `mean` over the mean radiance of the image without the effects; None if that is 0
+    )  #: `mean` divided by the mean radiance of the image without the effects; None if that is 0
     #: root mean square of the change, with the noise subtracted
     rms: float
     rms_noise: float

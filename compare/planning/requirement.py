@@ -74,7 +74,7 @@ def indices_of(frustum: Frustum) -> tuple[int, int]:
 
 
 def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
-    """Return the largest index in low..high up to which a condition holds; None if it fails."""
+    """Return the last index in low..high up to which a condition holds; None if it fails at low."""
     first_failure = bisect_left(
         range(low, high + 1), True, key=lambda index: not holds(round_number(index))
     )
@@ -82,7 +82,7 @@ def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | 
 
 
 def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
-    """Return the smallest index in low..high from which on a condition holds; else `high`."""
+    """Return the smallest index in low..high at and above which a condition holds; else `high`."""
     return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))
 
 
@@ -114,7 +114,7 @@ def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Quality(Errors):
-    """Errors at the worst of some apertures, also for sheets at the farthest visible surface."""
+    """Errors at the worst of some apertures, and of sheets at the farthest visible surface."""
 
     #: share of pixels that show the wrong sheet, of two sheets a separation apart
     misordered: float
@@ -312,7 +312,7 @@ class ViewZone:
 
 
 def _eyes_within(zone: Sequence[Interval]) -> float:
-    """Return the largest distance of two eyes in front of the plate's middle within a zone."""
+    """Return the largest distance of two eyes in a zone, symmetric about the plate's middle."""
     (left, right), (low, high) = zone
     return max(0.0, 2 * min(-left, right)) if low < 0 < high else 0.0
 

@@ -57,7 +57,7 @@ BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 #: scanned hogels.
 ENOUGH_MARGIN = 10.0
 
-#: The cheapest depth buffer, the most common one, and the finest that needs no fragment's depth
+#: Depth buffers: the cheapest, the most common, and the finest without depth from fragments.
 COMPARED_BUFFERS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
@@ -73,7 +73,7 @@ class Attempt:
     predicted: Quality
     #: ratio of errors that grow with near
     near_excess: float
-    #: ratio of pixels wrong by depth, and of separation
+    #: larger ratio of two: pixels wrong by depth, and separation
     depth_excess: float
 
     @property

@@ -41,8 +41,8 @@ from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate import Aperture, Camera, DoubleFrustum, Frustum, Offset
 
-#: Relative distance from a cut within which a surface counts on both of its sides: rounding moves
-#: the surfaces of a refined mesh by 1e-16 of their coordinates, and cuts have three digits.
+#: Relative distance from a cut within which a surface counts on both sides of the cut: rounding
+#: moves the surfaces of a refined mesh by 1e-16 of their coordinates, and cuts have three digits.
 HEIGHT_TOLERANCE_RATIO = 1e-9
 
 #: width of a neighborhood in pixels: one pixel to each side
@@ -109,7 +109,7 @@ class View:
         return depth.DepthLayers.from_truth(self.truth, self.gaps)
 
     def farthest(self, camera: Camera, low: float = 0.0, high: float = math.inf) -> float | None:
-        """Return the largest |z| visible to a camera between two heights; None without one."""
+        """Return the largest |z| that a camera sees between two heights; None without a surface."""
         seen = self.seen[camera]
         count = int(np.searchsorted(seen, high * (1 + HEIGHT_TOLERANCE_RATIO), side="right"))
         if not count or seen[count - 1] < low * (1 - HEIGHT_TOLERANCE_RATIO):

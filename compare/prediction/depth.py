@@ -138,7 +138,7 @@ def pair_variance(
       same for all z of an octave.
     * Corners are rounded independently, and a pixel's depth is a weighted mean of three corners
       (`CORNERS_SQUARED`). The roundings of a corner are the product in clip depth, the sum if clip
-      depth has a constant term, the reciprocal of w, and the product with it.
+      depth has a constant term, the reciprocal of w, and the product with this reciprocal.
     * Only some devices round the two steps of the plane equation.
     * The float32 rounding of the stored value equals the step of D32F, and the step of D24 for
       values of at least 1/2. For smaller values, and for D16, the rounding is finer than the step.
@@ -354,8 +354,8 @@ def _chance(
     kinds = [(surfaces.gap, _COIN)]
     if surfaces.earlier is not None:
         kinds = [(surfaces.gap, _LATER), (surfaces.earlier, _EARLIER)]
-    # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
-    # surface, and the next one lies closer to the camera. Pairs in different slabs are not
+    # Order: C keeps the nearest surface, and the next surface lies beyond it. C* keeps the farthest
+    # surface, and the next surface lies closer to the camera. Pairs in different slabs are not
     # compared.
     pairs = []
     for gap, ends in kinds:
@@ -404,7 +404,7 @@ def _chance(
     return chances
 
 
-#: Mappings with depth differences equal to another mapping's.
+#: Mappings whose depth differences equal the depth differences of another mapping.
 _ALIKE = {DepthMapping.GL: DepthMapping.STANDARD, DepthMapping.REVERSED: DepthMapping.STANDARD}
 
 
@@ -490,7 +490,7 @@ def _table(
     used = np.clip(np.array([slab.low, slab.high]) + slab.step, slab.near, slab.far)
     first, last = _bins(used).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
-    # The middle represents its bin, or the near or far plane if the middle lies beyond.
+    # A bin is represented by its middle, clipped to the range of the near and far plane.
     w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
     stored, _ = stored_depth(w, slab.near, slab.far, mapping)
     error = np.sqrt(2 * pair_variance(w, slab.near, slab.far, mapping, device))

@@ -68,8 +68,8 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 
-    This holds in the first slab. The cameras of the other slabs are in the aperture and cause no
-    displacement.
+    The formula holds in the first slab. The cameras of the other slabs are in the aperture and
+    cause no displacement.
     """
     bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
@@ -181,6 +181,7 @@ def outside_shares(
         left, right, top, bottom = to_the_end = [np.minimum(depth, other) for depth, other in pairs]
         across = np.minimum(left + right, width).sum() / (height * width)
         down = np.minimum(top + bottom, height).sum() / (height * width)
-        # The two kinds of strips overlap only in corners: take them as independent.
+        # Strips at left and right overlap strips at top and bottom only in corners: take them as
+        # independent.
         together.append(1 - (1 - across) * (1 - down))
     return tuple(np.diff(together[::-1], prepend=0.0).tolist())

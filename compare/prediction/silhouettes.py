@@ -281,7 +281,7 @@ class Silhouettes:
             return np.array([own[row].sum(), own[~row].sum()])
 
         of_link = {link: variances(high - low) for link, low, high in self._spans(chain)}
-        # The pixels charged to a link are the difference of two such numbers.
+        # The number of pixels charged to a link is a difference of two numbers: variances add.
         later = [
             np.zeros(2) if two == link else of_link[link] + of_link[two]
             for link, two in pairwise(chain)

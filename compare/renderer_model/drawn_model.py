@@ -265,7 +265,7 @@ class RendererModel:
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
     #: offset of the projection screen's center, and ratio of its height to the scene's; a screen at
-    #: another height keeps its size. A centered frustum ignores these and the shear.
+    #: another height keeps its size. A centered frustum has no screen and no shear.
     screen_center: tuple[float, float] = (0.0, 0.0)
     screen_height: float = 1.0
     recentering: Recentering = Recentering.RIGHT
@@ -287,8 +287,8 @@ class RendererModel:
     axes: str = RIGHT_AXES
     #: numbers of the objects that are not drawn
     missing: tuple[int, ...] = ()
-    #: hogels, named as in the files, with the apertures that they may show: the assumed one first,
-    #: then others with the same image
+    #: hogels, named as in the files, with the apertures that they may show: the assumed aperture
+    #: first, then apertures with the same image
     shows: tuple[tuple[Index, tuple[Index, ...]], ...] = ()
     film: Film = EVEN
     #: largest drawn distances before and behind the plate; None for the scene's reach

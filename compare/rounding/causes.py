@@ -94,7 +94,7 @@ class Causes(ShortRepr):
         return Causes(shape=self.shape, pixels=self.pixels[kept], heading=self.heading[kept])
 
     def joined(self, other: Causes) -> Causes:
-        """Return the causes of these pixels and of others."""
+        """Return the causes of these pixels and of the pixels of `other`."""
         return Causes(
             shape=self.shape,
             pixels=np.concatenate((self.pixels, other.pixels)),

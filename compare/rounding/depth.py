@@ -38,7 +38,7 @@ class Depths:
     clear: Floats
 
     def at(self, slots: Indices, shape: tuple[int, int, int]) -> list[Depths]:
-        """Put these depths at their slots of an array (cameras, images, N); return each image's.
+        """Return depths (cameras, N) for each image, from slots of an array (cameras, images, N).
 
         All other slots have no triangle.
         """

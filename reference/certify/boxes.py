@@ -80,7 +80,7 @@ class Boxes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NearbyLines:
-    """Lines close to the center of a pencil that do not pass through it exactly."""
+    """Lines that pass close to the center of a pencil, but not exactly through it."""
 
     apart: Sequence[Any]  #: bound on their distance from the center in x and in y, at its height
     ends: Sequence[Any]  #: first and last s, counted from the plate

@@ -1,4 +1,4 @@
-"""Lines of one pixel of all hogels, for the filter: each film pixel is an aperture.
+"""Lines of one pixel of all hogels, for the filter, with apertures in place of film pixels.
 
 In a centered frustum, the lines of a pixel have the same direction d in all hogels; in a recentered
 frustum, they pass through one point of the screen. The edge function of a line a + s d and an edge
@@ -295,8 +295,8 @@ class _PencilFilm:
         for i, j in EDGES:
             size = cross_magnitude(corners[i], corners[j])
             ex, ey, ez = (abs(part) for part in difference(points[j], points[i]))
-            # The edge function changes by at most delta . (d x e). This bound is added to a
-            # magnitude, divided by `ROUNDING`, by which magnitudes are multiplied later.
+            # The edge function changes by at most delta . (d x e). This bound is divided by
+            # `ROUNDING` and added to a magnitude, because magnitudes are later multiplied by it.
             moved = product(self._aside[0], ey + product(self._steepest[1], ez))
             moved = moved + product(self._aside[1], ex + product(self._steepest[0], ez))
             magnitudes.append([size[0], size[1], size[2] + product(moved, 1 / ROUNDING)])

@@ -43,8 +43,8 @@ RAYS_AT_ONCE = 1 << 19
 #: number of pairs decided at once in integers; a pair takes some 2 kB
 PAIRS_AT_ONCE = 1 << 15
 
-#: Smallest size of a mesh relative to its distance from the origin of coordinates, where doubles
-#: have steps of 2^-53. A smaller mesh, or a single point, is scaled by its distance instead.
+#: Smallest size of a mesh relative to its distance from the origin of coordinates; doubles have
+#: steps of 2^-53 of this distance. A smaller mesh, or a point, is scaled by its distance instead.
 MIN_RELATIVE_SIZE = 2.0**-40
 
 #: Largest exponent e for which 2^e and 2^-e are normal doubles, with a margin
