@@ -139,24 +139,13 @@ def test_one_version_is_stated_everywhere() -> None:
 
 
 def test_the_dockerfile_takes_the_steps_of_readme() -> None:
-    """No test builds the image; the test compares its steps and paths with the Makefile."""
-    lines = [
-        line
-        for line in (CHECKOUT / "Dockerfile").read_text().splitlines()
-        if line and line[0] != "#"
-    ]
-    makefile, readme = (CHECKOUT / "Makefile").read_text(), (CHECKOUT / "README.md").read_text()
-    *_, sources, copied, made, path, data, entry, _ = lines
-    assert (copied, made) == ("COPY . .", "RUN make setup")
-    assert "\nsetup: $(READY)" in makefile and "    make setup " in readme
-    # The command has the path from the Makefile.
-    folder = sources.removeprefix("WORKDIR ")
-    assert (
-        path == f"ENV PATH={folder}/.venv/bin:$PATH"
-        and "XFRUSTUM := .venv/bin/xfrustum\n" in makefile
-    )
-    assert entry == 'ENTRYPOINT ["xfrustum"]'
-    assert f'-v "$PWD:{data.removeprefix("WORKDIR ")}" xfrustum report' in readme
+    """No test builds the image; the test compares its steps with README."""
+    lines = (CHECKOUT / "Dockerfile").read_text().splitlines()
+    assert {"COPY . .", "RUN make setup", 'ENTRYPOINT ["xfrustum"]'} <= set(lines)
+    folder, data = (line.partition(" ")[2] for line in lines if line.startswith("WORKDIR "))
+    assert f"ENV PATH={folder}/.venv/bin:$PATH" in lines  # as in the Makefile
+    readme = (CHECKOUT / "README.md").read_text()
+    assert "    make setup " in readme and f'-v "$PWD:{data}" xfrustum report' in readme
     ignored = (CHECKOUT / ".dockerignore").read_text().split()
     assert {".venv/", "build/", ".git/"} <= set(ignored)
 

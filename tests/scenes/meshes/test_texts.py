@@ -32,7 +32,6 @@ OBJ_ALIKE: dict[str, Content] = {
     "capitals": OBJ.upper(),
     "comment that ends in a backslash": "# C:\\meshes\\\n" + OBJ.replace("f 1 3 2", "f 1 3 2 # \\"),
     "faces first": OBJ[len(OBJ_POINTS) :] + OBJ_POINTS,
-    "counted back": OBJ.replace("v 1 1 5\nf 1 3 2", "f -3 -1 -2\nv 1 1 5"),
     "weights of one": OBJ.replace("0\nv", "0 1.0\nv"),
     "names like statements": "g f 1 2 3\no v 1 2 3\nusemtl f\ns off\nmtllib v 1 2 3.mtl\n" + OBJ,
     "odd separators in names": "# a\x0bf 1 2 3\ng a\x0cf 1\ng b\x1cf\ng a\u2028f\n# \u0085f\n"
@@ -55,13 +54,9 @@ def off(kind: str, more: str, points: str = OFF_POINTS) -> str:
 OFF_ALIKE: dict[str, Content] = {
     "one number a line": OFF.replace(" ", "\n"),
     "comments": "# made\n" + OFF.replace("OFF\n", "OFF # by\n").replace("0\n", "0 # 1 2\n\n"),
-    "CR LF": OFF.replace("\n", "\r\n"),
-    "UTF-8 mark": "\ufeff" + OFF,
     "no header": OFF.removeprefix("OFF\n"),
     "counts beside the header": OFF.replace("OFF\n", "OFF "),
     "colors of faces": OFF.replace("2 1\n", "2 1 7\n").replace("2 3\n", "2 3 0.1 0.2 0.3 1\n"),
-    "COFF": off("COFF", "0.1 0.2 0.3 1"),
-    "NOFF": off("NOFF", "0 0 1"),
     "STCNOFF": off("STCNOFF", "0 0 1 0.5 0.5 0.5 1 0 1"),
     "C4OFF": off("C4OFF", "1 0 0 1", "0 0 0 1\n8 0 0 2\n-4 -12 0 -4\n.5 .5 2.5 .5\n"),
 }
@@ -150,7 +145,6 @@ STL_ALIKE: dict[str, Content] = {
     "binary": stl(),
     "binary that begins with solid": stl(header=b"solid x\nfacet normal 0 0 1"),
     "text": STL,
-    "CR LF and tabs": STL.replace("\n", "\r\n").replace("  ", "\t"),
     "capitals": STL.upper(),
     "name like statements": stl_text(name="facet normal vertex 1 2 3"),
     "two solids": stl_text(SOUP[:2], "a") + stl_text(SOUP[2:], "b").rstrip("\n"),
