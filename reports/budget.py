@@ -22,15 +22,21 @@ from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common import pictures as images
-from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar, write_files
+from xfrustum.reports.common.outputs import (
+    aperture_option,
+    json_object,
+    json_ready,
+    progress_bar,
+    scene_command,
+    settings_words,
+    write_files,
+)
 from xfrustum.reports.common.pictures import CAUSE_COLORS, UNEXPLAINED_COLOR
-from xfrustum.reports.common.provenance import aperture_option, scene_command, settings_words
 from xfrustum.reports.common.templates_environment import address, html_page, png
-from xfrustum.reports.heat_map import why
 from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
 from xfrustum.reports.notebook import png as png_of
-from xfrustum.reports.scene_check.sight import require_seen
-from xfrustum.reports.text import SENTENCES, aligned, sentences
+from xfrustum.reports.plotting import why
+from xfrustum.reports.text import SENTENCES, aligned, require_seen, sentences
 from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.arguments import one_of

@@ -25,17 +25,14 @@ from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.raster.device.targets import TargetFormat
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reports.common import provenance
-from xfrustum.reports.common.figure_style import INK, Figure, look, styled
+from xfrustum.reports.common import outputs
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page, plain_text
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
-from xfrustum.reports.heat_map import choices
 from xfrustum.reports.notebook import NotebookRepr
-from xfrustum.reports.plate.ways import DEPTH
-from xfrustum.reports.scene_check.sight import require_seen
-from xfrustum.reports.text import DISPLACEMENT_TIE_PX, aligned, displacement_words
-from xfrustum.reports.ways import CONTENT, DirectionsResult, measure_directions
+from xfrustum.reports.plate.directions import CONTENT, DEPTH, DirectionsResult, measure_directions
+from xfrustum.reports.plotting import INK, Figure, choices, look, styled
+from xfrustum.reports.text import DISPLACEMENT_TIE_PX, aligned, displacement_words, require_seen
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
@@ -386,10 +383,10 @@ def cost(
         options=tuple(options),
         upload_s=upload_s,
         machine={
-            **provenance.machine(),
+            **outputs.machine(),
             **{f"OpenGL {name}": value for name, value in device.items()},
         },
-        versions={**provenance.versions(), **libraries},
+        versions={**outputs.versions(), **libraries},
         directions=turned,
     )
 

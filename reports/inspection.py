@@ -14,8 +14,8 @@ from xfrustum.compare.metrics.error_maps import displacement, judged_pixels, len
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.reports.common import pictures
 from xfrustum.reports.common.templates_environment import address, html_page
-from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.notebook import by_height, map_of, png
+from xfrustum.reports.plotting import plate_cells
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Plate, Scene
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask
 from xfrustum.scenes.model.images import NOTHING

@@ -44,20 +44,21 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import AutoApertures, PlateScan, scout
 from xfrustum.reference import Reference
-from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
-from xfrustum.reports.common.provenance import (
+from xfrustum.reports.common.outputs import (
+    json_object,
     plate_command,
+    progress_bar,
     raster_command,
     scene_command,
     settings_words,
     versions,
+    write_files,
 )
 from xfrustum.reports.common.templates_environment import html_page, plain_text
-from xfrustum.reports.heat_map import choices, plate_cells, plate_map
 from xfrustum.reports.notebook import NotebookRepr
-from xfrustum.reports.scene_check.sight import require_seen
-from xfrustum.reports.text import aligned
-from xfrustum.reports.ways import DirectionsResult, measure_directions
+from xfrustum.reports.plate.directions import DirectionsResult, measure_directions
+from xfrustum.reports.plotting import choices, plate_cells, plate_map
+from xfrustum.reports.text import aligned, require_seen
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.representation import digits, percent

@@ -21,15 +21,16 @@ from xfrustum.reports.common.outputs import (
     Staging,
     check_writable_folder,
     json_object,
+    machine,
     progress_bar,
+    versions,
     write_files,
 )
-from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import address, html_page, plain_text, png
 from xfrustum.reports.notebook import Figure, NotebookRepr, as_shown, marked
 from xfrustum.reports.notebook import png as notebook_png
 from xfrustum.reports.plate.arrays import COLOR, TRIANGLE
-from xfrustum.reports.plate.reader import PlateReader
+from xfrustum.reports.plate.store import PlateReader
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes import NOTHING, DoubleFrustum, InputError, Offset
 from xfrustum.scenes.appearance import Sampling

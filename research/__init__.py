@@ -8,5 +8,5 @@ docs/when-to-split.parquet and docs/noticeable.parquet; docs/benchmarks.md has t
 * noticeable: near offsets and depth buffers that viewers notice, in closed form and by replays
 * splitting: settings for which one pair of frusta is enough, and settings that need cuts
 * sweep: measurement of cells in stored blocks, and rows as Parquet
-* table1: table 1 of the paper on the project's own car
+* paper: table 1 and figure 7 of the paper, on scenes of this project
 """

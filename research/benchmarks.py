@@ -31,7 +31,7 @@ from xfrustum.reference.lines import crossed_frustum, pixel_places
 from xfrustum.reference.llvm import array_device, mitsuba_backend
 from xfrustum.reference.proposals import pixel_rays
 from xfrustum.reference.tracers import EmbreeTracer, bare_intersection
-from xfrustum.reports.common import provenance
+from xfrustum.reports.common import outputs
 from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.reports.text import aligned
@@ -59,14 +59,14 @@ def machine_record(*, tracers: bool = False) -> Record:
 
     InputError if there is no usable OpenGL.
     """
-    versions = provenance.versions()
+    versions = outputs.versions()
     if tracers:
         versions |= mitsuba_backend().versions
         versions |= {name: version(name) for name in ("drjit", "embreex", "trimesh")}
     context = open_context()
     renderer = describe(context)["renderer"]
     context.release()
-    machine = provenance.machine()
+    machine = outputs.machine()
     return {
         "machine": machine,
         "arrays": machine["arrays"],

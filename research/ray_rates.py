@@ -15,7 +15,7 @@ from trimesh.ray.ray_triangle import RayMeshIntersector as NativeIntersector
 
 from xfrustum.rays import ExactIntersector
 from xfrustum.reference.tracers import EmbreeMesh
-from xfrustum.reports.common import provenance
+from xfrustum.reports.common import outputs
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.timing import race
 from xfrustum.reports.text import aligned
@@ -141,7 +141,7 @@ def benchmark_rays(
                         "build_s": built,
                     }
                 )
-    machine = provenance.machine()
+    machine = outputs.machine()
     return {
         "races": races,
         "repeat": repeat,

@@ -23,7 +23,7 @@ from pydantic import TypeAdapter
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Job, Part, Workers
-from xfrustum.reports.common import provenance
+from xfrustum.reports.common import outputs
 from xfrustum.reports.common.outputs import Staging, check_writable_folder, write_files
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.research.depth_family import CAR_RATIO, cars
@@ -54,8 +54,8 @@ def measured_by() -> Origin:
     scene = cars(CAR_RATIO, Camera.C, (1, 1))
     with Rasterizer(scene) as rasterizer:
         opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
-    versions = {**provenance.versions(), **Reference(scene).versions}
-    return Origin(versions=versions, devices={**provenance.machine(), **opengl})
+    versions = {**outputs.versions(), **Reference(scene).versions}
+    return Origin(versions=versions, devices={**outputs.machine(), **opengl})
 
 
 def write_rows(kind: type[Row], rows: Sequence[Row], origin: Origin, path: Path) -> None:

@@ -23,11 +23,11 @@ from xfrustum.compare.planning.ways import PlateWay
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import HERE, Engine, open_workers
-from xfrustum.reports.common.figure_style import look
 from xfrustum.reports.common.outputs import json_object
 from xfrustum.reports.common.templates_environment import fragment, plain_text
+from xfrustum.reports.plotting import look
+from xfrustum.research.paper import tessellated_car
 from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
-from xfrustum.research.table1 import tessellated_car
 from xfrustum.scenes import DepthFormat, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.model.images import PlateContent
 

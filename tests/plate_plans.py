@@ -15,8 +15,8 @@ from xfrustum.compare.planning.requirement import Requirement
 from xfrustum.compare.sampling import SampleRequest
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.planning import plan
-from xfrustum.reports.survey.rows import SettingStats
-from xfrustum.reports.survey.survey import survey
+from xfrustum.reports.survey import survey
+from xfrustum.reports.survey_rows import SettingStats
 from xfrustum.scenes import InputError, Scene, open_scene
 
 SEED = 20261122

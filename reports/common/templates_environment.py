@@ -1,4 +1,4 @@
-"""The only place that fills in templates: HTML pages, SVG, XML and Markdown.
+"""The only place that fills in templates: HTML pages, SVG, XML with JUnit, and Markdown.
 
 Every HTML page carries a Content-Security-Policy: the browser runs only our own scripts, identified
 by their hashes, even if text of a scene gets into the page, and it loads nothing.
@@ -8,7 +8,9 @@ import base64
 import hashlib
 import io
 import json
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from pkgutil import get_data
@@ -158,3 +160,25 @@ def _environment(
         }
     )
     return environment
+
+
+_NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters outside of XML 1.0, which no reference can hold either (`Char`)."""
+
+
+@dataclass(frozen=True)
+class JUnitCase:
+    """One test case of JUnit; it passed where it has no error, no failure, and was not skipped."""
+
+    classname: str
+    name: str
+    error: str | None = None
+    failure: str | None = None
+    text: str = ""
+    skipped: str | None = None
+
+
+def junit(suite: str, cases: Sequence[JUnitCase], output: str) -> bytes:
+    """Return test cases as JUnit XML, with the output of the suite."""
+    text = fragment("junit.xml.j2", {"suite": suite, "cases": cases, "output": output})
+    return _NOT_IN_XML.sub("\ufffd", text).encode()

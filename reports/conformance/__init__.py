@@ -1,6 +1,5 @@
 """Conformance suite: a renderer draws cases, its images are judged, a statement is written.
 
-cases      Input folders of cases for renderers; archive of all cases with truths
-run        Runs of a renderer on cases, with causes of failures by `verify`
-statement  Verdicts as a statement, a page, JUnit and a badge
+cases  Input folders of cases for renderers; archive of all cases with truths
+run    Runs of a renderer on cases, and verdicts as a statement, a page, JUnit and a badge
 """

@@ -20,14 +20,16 @@ from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.scout import FILM_PIXELS, AutoApertures
 from xfrustum.reference import alone
 from xfrustum.reports import inspection
-from xfrustum.reports.common import pictures, provenance
-from xfrustum.reports.common.figure_style import Figure
+from xfrustum.reports.common import outputs, pictures
 from xfrustum.reports.common.outputs import Staging, json_object
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import best as choosing
 from xfrustum.reports.error_report.best import (
+    FIGURES,
     GEOMETRY,
+    GEOMETRY_FIGURES,
+    SHADED_FIGURES,
     SURFACE_TIE_FRACTION,
     Measurement,
     Recommendation,
@@ -36,17 +38,12 @@ from xfrustum.reports.error_report.best import (
     best_per_depth,
     best_per_geometry,
     best_setting,
+    by_depth,
     can_be_judged,
+    cause_figure,
     equally_good,
     geometries_of,
     geometry_of,
-)
-from xfrustum.reports.error_report.figures import (
-    FIGURES,
-    GEOMETRY_FIGURES,
-    SHADED_FIGURES,
-    by_depth,
-    cause_figure,
     pair_figure,
 )
 from xfrustum.reports.error_report.sweep import (
@@ -57,16 +54,16 @@ from xfrustum.reports.error_report.sweep import (
     settings_of,
     sweep,
 )
-from xfrustum.reports.heat_map import choices, map_figures, scout_record
 from xfrustum.reports.inspection import Inspection, PlateMap
+from xfrustum.reports.plotting import Figure, choices, map_figures, scout_record
 from xfrustum.reports.scene_check.checking import scene_fit
-from xfrustum.reports.scene_check.sight import require_seen
 from xfrustum.reports.text import (
     CERTAINTY_LABELS,
     DISPLACEMENT_TIE_PX,
     SENTENCES,
     displacement_words,
     pixels,
+    require_seen,
 )
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Offset, Pivot
 from xfrustum.scenes.model.scene import Scene
@@ -209,7 +206,7 @@ def report_content(measured: Sweep, rows: Sequence[RowNumbers]) -> dict[str, Any
         measured.rows, scene.units, reach, recentered=scene.frustum.recentered
     )
     if measured.decided_by != alone.CERTIFIED:
-        note = provenance.unexamined_truth(measured.decided_by)
+        note = outputs.unexamined_truth(measured.decided_by)
         sentence = f"{sentence.removesuffix('.')} ({note})."
     numbers = [{**json_object(row), "aperture": row.aperture.index} for row in rows]
     for row, source in zip(numbers, measured.rows, strict=True):
@@ -231,8 +228,8 @@ def report_content(measured: Sweep, rows: Sequence[RowNumbers]) -> dict[str, Any
         "best": {
             "sentence": sentence,
             **recommended(best),
-            "command": provenance.raster_command(scene, best.aperture, best.settings),
-            "plan_command": provenance.scene_command("plan", scene),
+            "command": outputs.raster_command(scene, best.aperture, best.settings),
+            "plan_command": outputs.scene_command("plan", scene),
             "confidence": CONFIDENCE,
         },
         "best_per_depth": list(map(recommended, best_per_depth(measured.rows))),
@@ -409,7 +406,7 @@ def _notes(measured: Sweep) -> dict[str, str]:
     if count < hogels:
         notes["coverage"] = (
             f"Measured at {count:,} of {hogels:,} hogels, and others may need other settings: "
-            f"{provenance.scene_command('plan', scene)} says what holds for the whole plate."
+            f"{outputs.scene_command('plan', scene)} says what holds for the whole plate."
         )
     if not measured.options.causes:
         notes["left_out"] = (

@@ -23,7 +23,7 @@ from xfrustum.reference.alone import AloneNumbers, TracersAlone
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.shading import Shader
 from xfrustum.reports import inspection
-from xfrustum.reports.common import pictures, provenance
+from xfrustum.reports.common import outputs, pictures
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.error_report.best import (
     Measurement,
@@ -266,8 +266,8 @@ def sweep(
         truths=tuple(truths[aperture] for aperture in apertures),
         decided_by=judge.reference.decided_by,
         reduction=reduction,
-        versions={**provenance.versions(), **judge.reference.versions},
-        devices={**provenance.machine(), **opengl},
+        versions={**outputs.versions(), **judge.reference.versions},
+        devices={**outputs.machine(), **opengl},
         device_model=judge.model.name,
         times_s={"prepare": prepare_s, **seconds, "inspection": inspection_s, **lit_s},
         wall_s=time.perf_counter() - begun,

@@ -1,7 +1,7 @@
 """Camera files for other renderers, with the numbered triangles.
 
 Cameras C and C* come from `raster.description`; Blender gets the crossed frustum itself
-(blender/render.py).
+(`blender`, written as render.py).
 """
 
 import shutil
@@ -143,9 +143,7 @@ def write_blender(
         ],
     }
     with Staging(out, ("render.py", "plate.json", TRIANGLES_FILE)) as staging:
-        shutil.copyfile(
-            Path(__file__).with_name("blender") / "render.py", staging.folder / "render.py"
-        )
+        shutil.copyfile(Path(__file__).with_name("blender.py"), staging.folder / "render.py")
         staging.write("plate.json", described)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
         return staging.commit()

@@ -1,4 +1,7 @@
-"""Plates converted between layouts of files and Zarr groups (CONVENTIONS.md, "Plates")."""
+"""Plates converted between layouts of files and Zarr groups (CONVENTIONS.md, "Plates").
+
+Sentences about layouts: evidence for a recognized one, losses of a written one, notes.
+"""
 
 import math
 import shutil
@@ -13,7 +16,6 @@ import zarr
 from numpy.typing import NDArray
 
 from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar, refused
-from xfrustum.reports.exchange import words
 from xfrustum.reports.plate.arrays import (
     ATTRIBUTE,
     COMPRESSOR,
@@ -22,15 +24,85 @@ from xfrustum.reports.plate.arrays import (
     METADATA,
     reason_of,
 )
-from xfrustum.reports.plate.reader import checked_group, read_hogel, read_hogels
+from xfrustum.reports.plate.store import checked_group, read_hogel, read_hogels
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.disk import TempPath, check_allowed
 from xfrustum.scenes.files import layouts, plate_files
+from xfrustum.scenes.files.layouts import Target
 from xfrustum.scenes.files.pictures import Encoding, Reading, bytes_of
-from xfrustum.scenes.files.plate_files import PlateRows
+from xfrustum.scenes.files.plate_files import FileSet, PlateRows
 from xfrustum.scenes.model.images import Channel, PlateContent
+
+
+def layout_reasons(files: FileSet) -> tuple[str, ...]:
+    """Return the evidence for the layout of some files, one clause each."""
+    count, total = len(files.files), files.layout.file_count(files.shape)
+    fit = f"{count} of {count + files.strangers} names fit: {files.layout.meaning}"
+    lacking = [f"{files.missing} of {total} files are not there"] if files.missing else []
+    return fit, f"such as {files.files[min(files.files)].name}", *lacking, str(files.shape)
+
+
+def described(files: FileSet) -> str:
+    """Return layout and evidence in one line."""
+    return f"{files.layout.name} ({'; '.join(layout_reasons(files))})"
+
+
+def layout_losses(plate: PlateRows, target: Target) -> tuple[str, ...]:
+    """Return the data that a layout cannot store, one clause each."""
+    clauses, height = [], plate.shape.resolution[1]
+    if target.layout.horizontal and height > 1:
+        clauses.append(
+            f"vertical parallax: of {height} rows of pixels of each hogel, row {height // 2} "
+            "(from 0 at the top) is kept"
+        )
+    if plate.floating and not target.floating:
+        clauses.append(
+            "floating-point numbers: radiance is clipped to 0 and 1 and rounded to 255 levels"
+        )
+    return tuple(clauses)
+
+
+def layout_notes(plate: PlateRows, target: Target) -> tuple[str, ...]:
+    """Return the expectations of a layout's readers that its files do not meet."""
+    # Facts about other programs that no pixel of the files shows.
+    if target.layout.name == "burnett":
+        return ("its own renderer samples pixels at their corners; re-arranging moves no sample",)
+    if target.layout.name != "quilt":
+        return ()
+    encoding = "pixels are encoded as in the files that were read; displays take them for sRGB"
+    if plate.linear:
+        chunk = "" if target.floating else " (a PNG file says so: gAMA)"
+        encoding = (
+            "pixels are linear radiance, as the plate stores them, and displays take them for "
+            f"sRGB{chunk}; `view --quilt` writes sRGB"
+        )
+    spacing = "views are evenly spaced on the film (in tangents), a display's eyes evenly in angle"
+    return spacing, encoding
+
+
+def missing_hogels(count: int) -> tuple[str, ...]:
+    """Return the note about hogels that a Zarr group lacks."""
+    return (f"{count} hogels are not there and count as empty",) if count else ()
+
+
+def incomplete(files: FileSet, *, stated: bool) -> str | None:
+    """Return the reason why files cannot be converted; None if the plate is complete.
+
+    `stated` is whether the user gave the number of hogels.
+    """
+    name, shape = files.layout.name, files.shape
+    if files.missing:
+        return f"{files.missing} files of the layout {name} are not there, for a plate of {shape}"
+    if files.beyond:
+        advice = "leave out --hogels, or give all of them" if stated else "move the others away"
+        return (
+            f"{files.beyond} of {len(files.files)} files of the layout {name} lie beyond a plate "
+            f"of {shape}; {advice}"
+        )
+    return None
+
 
 #: layout name of Zarr groups, and suffix of their folders
 ZARR, ZARR_SUFFIX = "zarr", ".zarr"
@@ -232,12 +304,12 @@ def convert(
     array = None if options.array is None else choice(PlateArray, options.array, "array")
     if read_as == ZARR or (read_as is None and (source / METADATA).is_file()):
         group = open_plate(source, array)
-        plate, layout, notes = group.rows, ZARR, words.missing_hogels(group.missing)
+        plate, layout, notes = group.rows, ZARR, missing_hogels(group.missing)
         reasons = (f"array {group.array}", str(plate.shape), *notes)
     else:
         files = _files_at(source, read_as, options)
         plate, layout, notes = files.rows(), files.layout.name, ()
-        reasons = words.reasons(files)
+        reasons = layout_reasons(files)
     losses: tuple[str, ...] = ()
     if target == ZARR:
         if array is PlateArray.TRIANGLE and plate.floating:
@@ -247,9 +319,9 @@ def convert(
         count = math.prod(plate.shape.hogels)
     else:
         form = _target(plate, out, target, options)
-        target, losses = form.layout.name, words.losses(plate, form)
+        target, losses = form.layout.name, layout_losses(plate, form)
         out, count = _into_files(plate, out, form, progress=progress)
-        notes += words.notes(plate, form)
+        notes += layout_notes(plate, form)
     return Conversion(
         source=source,
         out=out,
@@ -271,7 +343,7 @@ def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> 
         shape = layouts.PlateShape(hogels=options.hogels, resolution=(1, 1))
     rows = layouts.LAYOUTS if read_as is None else layouts.layouts_named(read_as)
     files = plate_files.find_files(source, shape, rows)
-    if problem := words.incomplete(files, stated=options.hogels is not None):
+    if problem := incomplete(files, stated=options.hogels is not None):
         raise InputError(f"{source}: {problem}")
     return files
 

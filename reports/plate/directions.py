@@ -1,27 +1,41 @@
-"""Plates by directions: each image has one pixel of all hogels of a tile.
+"""Plates by directions, and the choice between drawing by directions and by hogels.
 
-A tile is as large as memory permits. A block of work is a rectangle of pixels of a tile and fills
-whole shards, so that every file is written once and no data are transposed on the disk. A block is
-finished when all its files exist. Names, shapes and types of arrays are the same as by hogels.
+Each image by direction has one pixel of all hogels of a tile. A tile is as large as memory permits.
+A block of work is a rectangle of pixels of a tile and fills whole shards, so that every file is
+written once and no data are transposed on the disk. A block is finished when all its files exist.
+The arrays are the same as by hogels. `plan` and `cost` print the figures of both ways, or the
+reason against directions.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from functools import partial
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
+from xfrustum.compare.planning.ways import (
+    COMPARED_PASSES,
+    COMPARED_SIDE,
+    DirectionErrors,
+    WaySpeeds,
+    direction_errors,
+    measure_plate,
+    spread_pixels,
+    tile_about,
+)
 from xfrustum.raster.plate.directions import DirectionRenderer, Pixel
 from xfrustum.raster.plate.renderer import plate_direction
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import open_workers
 from xfrustum.reports.common.outputs import progress_bar
+from xfrustum.reports.common.templates_environment import sentence
 from xfrustum.reports.plate.arrays import LAYOUT, Block, PlateArrays, Tile, description_of
 from xfrustum.reports.plate.plate import (
     MOST_WORKERS,
@@ -35,12 +49,11 @@ from xfrustum.reports.plate.plate import (
     filled,
 )
 from xfrustum.reports.plate.store import open_store
-from xfrustum.scenes import InputError
+from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance import Sampling
 from xfrustum.scenes.disk import in_words
 from xfrustum.scenes.model.effects import needed
 from xfrustum.scenes.model.images import Channel, PlateContent, PlateDirection
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import DepthFormat, PlateTile
 
 #: default memory for the images of a tile, bytes
@@ -278,3 +291,147 @@ def no_directions(scene: Scene, options: PlateOptions, *, drawn: bool) -> str:
             "light paths are traced hogel by hogel: add --by hogels, or --no-shadows and the like"
         )
     return ""
+
+
+#: depth format by directions unless another is chosen
+DEPTH = DepthFormat.D32F
+
+
+class By(StrEnum):
+    """Unit of the images of a plate."""
+
+    AUTO = "auto"
+    DIRECTIONS = "directions"
+    HOGELS = "hogels"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Facts that determine the way to draw or trace a plate."""
+
+    by: By
+    #: place of the Zarr group, which may exist
+    out: Path
+    options: PlateOptions
+    truth: bool
+    #: whether the two cameras are given (--near)
+    near: bool
+    #: whether only some hogels are requested
+    some: bool
+    #: memory for a tile, bytes, > 0
+    memory: int
+
+
+def choose(scene: Scene, request: Request) -> tuple[By, str]:
+    """Return the way to draw or trace a plate, and the reason as a sentence, "" for none.
+
+    Raises InputError if the requested way contradicts other options or the existing plate.
+    """
+    problem = _contradiction(scene, request)
+    stored = _stored_way(request.out)
+    if request.by is By.HOGELS or request.near:
+        chosen, reason = By.HOGELS, ""
+    elif request.by is By.DIRECTIONS or not request.truth:
+        if problem:
+            raise InputError(problem)
+        (columns, rows), (width, height) = scene.plate.hogels, scene.frustum.resolution
+        chosen, reason = (
+            By.DIRECTIONS,
+            f"which need no near: {width * height:,} views of all hogels",
+        )
+        if width * height > columns * rows:
+            reason += f"; --near draws {columns * rows:,} hogels instead, and plan times both"
+    elif problem:
+        chosen, reason = By.HOGELS, ""
+    elif stored is not None:
+        chosen, reason = stored, f"as {request.out} was begun"
+    else:
+        chosen, reason = _faster(scene, request)
+    if stored not in (None, chosen):
+        raise InputError(
+            f"--out {request.out}: was begun by {stored}: add --by {stored}, or choose another "
+            "place"
+        )
+    return chosen, f"by {chosen}, {reason}" if reason and request.by is By.AUTO else ""
+
+
+def _contradiction(scene: Scene, request: Request) -> str:
+    """Return the reason why directions are impossible, or ""."""
+    if request.near:
+        return "--near places two cameras, and --by directions has none: leave out one of them"
+    if request.some:
+        return "--by directions draws whole plates: leave out --apertures, or add --by hogels"
+    return no_directions(scene, request.options, drawn=not request.truth)
+
+
+def _stored_way(out: Path) -> By | None:
+    description = description_of(out)
+    if description is None:
+        return None
+    layout = description.get(LAYOUT)
+    return By.DIRECTIONS if isinstance(layout, dict) and "film" in layout else By.HOGELS
+
+
+def _faster(scene: Scene, request: Request) -> tuple[By, str]:
+    """Return the faster way to trace truths.
+
+    Each image takes a fixed time and a time per triangle; the time of pixels is the same both ways.
+    So the way with fewer images is faster.
+    """
+    options = request.options
+    arrays = arrays_by_directions(
+        scene, options.content, options.block, request.memory, drawn=False
+    )
+    assert arrays.tile is not None
+    (columns, rows), (width, height) = scene.plate.hogels, scene.frustum.resolution
+    tiles = -(-columns // arrays.tile[0]) * -(-rows // arrays.tile[1])
+    views, hogels = width * height * tiles, columns * rows
+    chosen = By.DIRECTIONS if views < hogels else By.HOGELS
+    return (
+        chosen,
+        f"for {views:,} views of a tile stand beside {hogels:,} hogels, and fewer are faster",
+    )
+
+
+#: Images of the timed plates: color in the type that plates are stored in, and triangle numbers.
+CONTENT = PlateContent(ids=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionsResult:
+    """Measures of a plate drawn by directions; no line of it has a near plane, nothing is moved."""
+
+    #: both None if refused
+    errors: DirectionErrors | None = None
+    speeds: WaySpeeds | None = None
+    #: reason why the scene cannot be drawn so; empty if it can
+    refused: str = ""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        speeds = self.speeds and {**asdict(self.speeds), "crossover_hogels": self.speeds.crossover}
+        return {"refused": self.refused or None, "speeds": speeds}
+
+    def words(self, scene: Scene) -> str:
+        """Return the answer for the plate of a scene, in one or two sentences."""
+        hogels = math.prod(scene.plate.hogels)
+        return sentence("ways.txt.j2", "by_directions", result=self, hogels=hogels)
+
+
+def measure_directions(
+    reference: Reference, apertures: Sequence[Aperture], settings: DoubleFrustum
+) -> DirectionsResult:
+    """Measure wrong surfaces about the worst of some apertures, and the speed of both ways.
+
+    Two cameras are timed with the settings.
+    """
+    scene = reference.scene
+    pixels = spread_pixels(scene.frustum, COMPARED_PASSES)
+    tiles = dict.fromkeys(tile_about(scene.plate, a, COMPARED_SIDE) for a in apertures)
+    try:
+        every = [direction_errors(reference, tile, pixels, DEPTH) for tile in tiles]
+        errors = max(every, key=lambda some: some.fraction)
+        speeds = measure_plate(scene, [settings], CONTENT).speeds
+    except InputError as error:
+        return DirectionsResult(refused=str(error))
+    return DirectionsResult(errors=errors, speeds=speeds)

@@ -3,5 +3,4 @@
 checking   Place and visibility of objects, likely mistakes, and two views
 effects    Effects that a scene needs, and closed-form errors by depth
 new_scene  A scene file whose plate, reach and field of view fit a mesh
-sight      Sentences about objects that are invisible, cut by the reach, tiny, or in the plate
 """

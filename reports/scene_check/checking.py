@@ -15,7 +15,7 @@ from xfrustum.reports.common.outputs import json_object, write_files
 from xfrustum.reports.common.templates_environment import Filters, fragment, plain_text
 from xfrustum.reports.notebook import Figure, NotebookRepr
 from xfrustum.reports.scene_check.effects import SceneEffects, scene_effects
-from xfrustum.reports.scene_check.sight import (
+from xfrustum.reports.text import (
     facing_warnings,
     heights,
     length,

@@ -14,7 +14,7 @@ from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, MILLIMETERS, length_in
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.scene_check.sight import heights, length
+from xfrustum.reports.text import heights, length
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk import check_hogels

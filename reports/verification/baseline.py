@@ -27,10 +27,10 @@ from xfrustum.reports.common.outputs import (
     check_writable_folder,
     json_object,
     json_ready,
+    machine,
     refused,
     write_output,
 )
-from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.words import text
 from xfrustum.scenes import InputError

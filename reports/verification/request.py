@@ -14,7 +14,7 @@ from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.sampling import PathApertures, PlateSample, SampleRequest
 from xfrustum.compare.truths import TruthBy, chosen_order
-from xfrustum.reports.scene_check.sight import require_seen
+from xfrustum.reports.text import require_seen
 from xfrustum.scenes import HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.files.pictures import Encoding

@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from xfrustum.compare.rounding.directions import DirectionPlate
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
-from xfrustum.reports.exchange.convert import GroupPlate, PlateArray, open_plate
-from xfrustum.reports.exchange.words import described
+from xfrustum.reports.exchange.convert import GroupPlate, PlateArray, described, open_plate
 from xfrustum.reports.plate.arrays import METADATA
-from xfrustum.reports.plate.reader import checked_group, direction_plate
+from xfrustum.reports.plate.store import checked_group, direction_plate
 from xfrustum.reports.verification.request import Renderer, Request
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arguments import check_program

@@ -20,14 +20,21 @@ from xfrustum.compare.judging.where import Places, where_wrong, wrong_counts
 from xfrustum.compare.sampling import SampleExtent
 from xfrustum.compare.truths import TruthBy
 from xfrustum.reports import inspection
-from xfrustum.reports.common.junit import JUnitCase, junit
-from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
-from xfrustum.reports.common.provenance import machine, versions
+from xfrustum.reports.common.outputs import (
+    Staging,
+    json_object,
+    json_ready,
+    machine,
+    versions,
+    write_output,
+)
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.common.templates_environment import (
     Filters,
+    JUnitCase,
     address,
     html_page,
+    junit,
     plain_text,
     png,
 )

@@ -174,15 +174,15 @@ HARD = "hard/"
 
 
 def open_scene(text: str | os.PathLike[str]) -> Scene:
-    """Open a scene file, or a built-in scene out of `builtin.names()` or `hard_cases.names()`.
+    """Open a scene file, or a built-in scene out of `names()` or `hard_cases.names()`.
 
     A text that ends in .toml, or a `Path`, is a path; a built-in name has precedence over a file of
     the same name. Raises InputError if the name is neither, or if the file is not a valid scene.
     """
     if not isinstance(text, os.PathLike):
         one_of(text, str, "a scene's name or path")
-        if build := _builder(text):
-            return build(text)
+        if make := _builder(text):
+            return make(text)
     regular_size(Path(text), "scene file")
     # Built-in scenes and unknown names do not need the readers of tables and meshes, which take a
     # second to load.

@@ -26,14 +26,14 @@ from .reports.planning import plan as plan
 from .reports.plate.plate import PlateFiles as PlateFiles
 from .reports.plate.plate import PlateOptions as PlateOptions
 from .reports.plate.plate import write_plate as write_plate
-from .reports.plate.reader import camera_of as camera_of
+from .reports.plate.store import camera_of as camera_of
 from .reports.scene_check.checking import SceneCheck as SceneCheck
 from .reports.scene_check.checking import check as check
 from .reports.scene_check.new_scene import NewScene as NewScene
 from .reports.scene_check.new_scene import NewSceneOptions as NewSceneOptions
 from .reports.scene_check.new_scene import new_scene as new_scene
-from .reports.survey.answer import Survey as Survey
-from .reports.survey.survey import survey as survey
+from .reports.survey import Survey as Survey
+from .reports.survey import survey as survey
 from .reports.verification.baseline import Baseline as Baseline
 from .reports.verification.baseline import BaselineOptions as BaselineOptions
 from .reports.verification.baseline import baseline as baseline

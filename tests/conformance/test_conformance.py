@@ -24,16 +24,19 @@ from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.reference import Reference
 from xfrustum.reports.conformance.cases import Archive, export, traced, write_case
 from xfrustum.reports.conformance.run import (
+    FILES,
     CaseOutcome,
     CaseRenderer,
     RunOptions,
+    Statement,
     Verdict,
     agreed,
     judge_case,
+    junit_case,
     run,
     write_hogel,
+    write_statement,
 )
-from xfrustum.reports.conformance.statement import FILES, Statement, junit_case, write_statement
 from xfrustum.scenes.appearance import Appearance, Material
 from xfrustum.scenes.conformance_suite import LEVELS, SUITE, Case, cases, chosen
 from xfrustum.scenes.files.pictures import Encoding, StoredPixels, of_stored

@@ -29,9 +29,13 @@ BATCH = 50  # number of inputs in one task of a worker
 PREPARED = (
     *("tests.fuzz.entries", "skimage.measure"),
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
-    *("xfrustum.reports.comparison", "xfrustum.reports.plate.plate", "xfrustum.reports.trace"),
+    *(
+        "xfrustum.reports.image_files",
+        "xfrustum.reports.plate.plate",
+        "xfrustum.reports.image_files",
+    ),
     *("xfrustum.reports.scene_check.checking", "xfrustum.reports.exchange.convert"),
-    *("xfrustum.reports.conformance.statement", "xfrustum.reports.device"),
+    *("xfrustum.reports.conformance.run", "xfrustum.reports.device"),
     "xfrustum.reports.verification.verification",
 )
 """Modules that child processes use, including modules that other libraries import late."""

@@ -36,8 +36,8 @@ from xfrustum.compare.sampling import SampleRequest
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.budget import auto_budget
 from xfrustum.reports.displays import DISPLAYED, display, first_png, html
-from xfrustum.reports.heat_map import auto_apertures
 from xfrustum.reports.notebook import MAX_SIDE_PX, Figure, NotebookRepr, png
+from xfrustum.reports.plotting import auto_apertures
 from xfrustum.scenes import Plate
 from xfrustum.scenes.files.pictures import Encoding, StoredPixels, of_stored
 from xfrustum.scenes.representation import encoded

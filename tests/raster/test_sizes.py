@@ -12,7 +12,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.device import context
 from xfrustum.raster.device.context import open_context
 from xfrustum.raster.rasterizer import largest_image
-from xfrustum.reports.trace import FILE_BYTES, forecast
+from xfrustum.reports.image_files import FILE_BYTES, forecast
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance import Sampling, Transport
 

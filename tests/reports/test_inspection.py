@@ -15,7 +15,6 @@ from tests.support.scene_file import film, named, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.run import Evaluator
-from xfrustum.reports.heat_map import MAX_MAP_CELLS
 from xfrustum.reports.inspection import (
     COLORS,
     DRAWN,
@@ -24,6 +23,7 @@ from xfrustum.reports.inspection import (
     inspected_frame,
     replacing_inspection,
 )
+from xfrustum.reports.plotting import MAX_MAP_CELLS
 from xfrustum.scenes import DoubleFrustum, Plate
 
 SCENE = (

@@ -15,7 +15,7 @@ from tests.support.records import problems
 from tests.support.worlds import World
 from xfrustum import compare_images
 from xfrustum.cli.app import cli
-from xfrustum.reports.schemas import schema_names, schema_text
+from xfrustum.reports.common.outputs import schema_names, schema_text
 
 CONTRACT = {
     "compare": "pixels judged covered at_plate surface triangle displacement_px height radiance",

@@ -10,8 +10,8 @@ import pytest
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
 from xfrustum.reports import cost as cost_module
-from xfrustum.reports import heat_map
-from xfrustum.reports.heat_map import auto_apertures, map_figures
+from xfrustum.reports import plotting
+from xfrustum.reports.plotting import auto_apertures, map_figures
 from xfrustum.scenes import open_scene
 
 HOGELS = (8, 6)
@@ -67,7 +67,7 @@ def test_errors_of_a_cost_are_those_of_the_worst_aperture(
 def test_a_cell_of_a_map_has_its_worst_hogel_and_labels_point_inward(
     scene: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(heat_map, "MAX_MAP_CELLS", 1)
+    monkeypatch.setattr(plotting, "MAX_MAP_CELLS", 1)
     auto = auto_apertures(open_scene(scene))
     heights, widths = map_figures(auto)
     views = [view for view in auto.scout.looks if np.isfinite(view.nearest)]

@@ -15,8 +15,8 @@ from xfrustum.raster.drawing import reflecting
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import array_device, mitsuba_backend
 from xfrustum.reports.common.outputs import json_ready
-from xfrustum.research import benchmarks, table1
-from xfrustum.research.table1 import PAPER, mirrored, tessellated_car
+from xfrustum.research import benchmarks, paper
+from xfrustum.research.paper import PAPER, mirrored, tessellated_car
 from xfrustum.scenes import NOTHING, HogelImage, InputError
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.effects import Effect, needed
@@ -111,8 +111,8 @@ def test_a_car_of_fewer_triangles_is_refused() -> None:
 
 @pytest.mark.slow
 def test_table_1_is_measured_in_the_terms_of_the_paper() -> None:
-    result = table1.benchmark_table1(8, 1, 1)
-    assert "RealityEngine2 (1996), antialiasing on" in table1.table1_table(result)
+    result = paper.benchmark_table1(8, 1, 1)
+    assert "RealityEngine2 (1996), antialiasing on" in paper.table1_table(result)
     (row,) = json_ready(result)["rows"]
     assert (row["polygons"], round(row["reflective_share"], 3)) == (42382, 0.312)
     rate, on = row["frames_per_second"], row["antialiased"]

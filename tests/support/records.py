@@ -7,8 +7,7 @@ from typing import Any
 import click
 import jsonschema
 
-from xfrustum.reports.common.outputs import json_ready
-from xfrustum.reports.schemas import schema_text
+from xfrustum.reports.common.outputs import json_ready, schema_text
 
 
 @cache

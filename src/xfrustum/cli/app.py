@@ -135,9 +135,9 @@ def cli(
 @click.argument("name", required=False)
 def schema(name: str | None) -> None:
     """Print the JSON schema of the record NAME, or the names of all records."""
-    from xfrustum.reports import schemas
+    from xfrustum.reports.common import outputs
 
-    click.echo("\n".join(schemas.schema_names()) if name is None else schemas.schema_text(name))
+    click.echo("\n".join(outputs.schema_names()) if name is None else outputs.schema_text(name))
 
 
 #: Environment variable with the instruction of a shell, such as `bash_source`

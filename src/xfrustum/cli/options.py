@@ -579,11 +579,11 @@ def indices_of(
 
 def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
     """Choose the worst apertures of the plate, and print them with reasons on standard error."""
-    from xfrustum.reports import heat_map
+    from xfrustum.reports import plotting
 
-    auto = heat_map.auto_apertures(scene, progress=progress)
+    auto = plotting.auto_apertures(scene, progress=progress)
     look_at(scene, auto.apertures)
-    for line in heat_map.notes(auto):
+    for line in plotting.notes(auto):
         note(line)
     return auto
 
@@ -594,11 +594,11 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
     `black_is_right` is for commands that write a picture: such apertures then cause only a warning
     if another aperture of the plate shows something, or if the scene is a hard case.
     """
-    from xfrustum.reports.scene_check import sight
+    from xfrustum.reports import text
     from xfrustum.scenes.arguments import InputError
     from xfrustum.scenes.library import hard_cases
 
-    unseen = sight.unseen_sentence(scene, apertures)
+    unseen = text.unseen_sentence(scene, apertures)
     if unseen is None:
         warn_of(scene)
         return
@@ -606,21 +606,21 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
         raise InputError(unseen)
     # Hard cases may be empty on purpose; any other plate must show something.
     if scene.source not in hard_cases.CASES:
-        sight.require_seen(scene, scene.plate.apertures())
+        text.require_seen(scene, scene.plate.apertures())
     say(f"warning: {unseen}")
 
 
 def warn_of(scene: Scene) -> None:
     """Warn on standard error of objects cut by the reach, and of tiny objects."""
-    from xfrustum.reports.scene_check import sight
+    from xfrustum.reports import text
 
-    for warning in sight.warnings(scene):
+    for warning in text.warnings(scene):
         say(f"warning: {warning}")
 
 
 def warn_of_culling(scene: Scene, cull: Cull) -> None:
     """Warn on standard error of objects that culling mostly removes from view."""
-    from xfrustum.reports.scene_check.sight import facing_warnings
+    from xfrustum.reports.text import facing_warnings
 
     if cull is Cull.BACK:
         for warning in facing_warnings(scene):

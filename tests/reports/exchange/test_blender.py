@@ -22,7 +22,7 @@ from tests.conftest import CHECKOUT
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import film_window
-from xfrustum.reports.exchange.blender import render
+from xfrustum.reports.exchange import blender
 from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
@@ -50,8 +50,8 @@ def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) ->
     plate = json.loads((tmp_path / "plate.json").read_text())
     for column, row in ((0, 0), (17, 40), (80, 60)):
         aperture = scene.plate.aperture(column, row)
-        assert render.aperture_center(plate, column, row) == (aperture.x, aperture.y)
-        shear, half = render.film(plate, (aperture.x, aperture.y))
+        assert blender.aperture_center(plate, column, row) == (aperture.x, aperture.y)
+        shear, half = blender.film(plate, (aperture.x, aperture.y))
         true_shear, true_half = film_window(scene.frustum, aperture)
         assert np.allclose([shear, half], [true_shear, true_half], rtol=1e-14)
 
@@ -59,15 +59,15 @@ def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) ->
 def test_files_of_plain_python_are_read_by_libraries(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     pixels = rng.integers(0, 256, (5, 7, 3), np.uint8)
-    assert np.array_equal(np.asarray(Image.open(io.BytesIO(render.png(pixels)))), pixels)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(blender.png(pixels)))), pixels)
     number = rng.integers(0, 1 << 24, (5, 7), dtype=np.uint32)
     planes = {"P.X": rng.random((5, 7), np.float32), "id.triangle": number}
-    content = render.exr(planes)
+    content = blender.exr(planes)
     (tmp_path / "hogel.exr").write_bytes(content)
     file = OpenEXR.InputFile(str(tmp_path / "hogel.exr"))
     for name, plane in planes.items():
         assert np.array_equal(np.frombuffer(file.channel(name), plane.dtype).reshape(5, 7), plane)
-        assert np.array_equal(render.exr_planes(content)[name], plane.astype(np.float32))
+        assert np.array_equal(blender.exr_planes(content)[name], plane.astype(np.float32))
 
 
 def test_the_script_prints_mistakes_in_one_line_and_ends_with_130_when_interrupted(
@@ -77,19 +77,19 @@ def test_the_script_prints_mistakes_in_one_line_and_ends_with_130_when_interrupt
         raise KeyboardInterrupt
 
     written(tmp_path)
-    monkeypatch.setattr(render, "HERE", tmp_path)
+    monkeypatch.setattr(blender, "HERE", tmp_path)
     for apertures, message in (
         ("x", "is not a list of column,row"),
         ("81,0", "lies outside the plate"),
     ):
-        assert render.main(["--out", "h", "--apertures", apertures]) == 2
+        assert blender.main(["--out", "h", "--apertures", apertures]) == 2
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
-    monkeypatch.setattr(render, "render_hogels", interrupted)
-    assert render.main(["--out", str(tmp_path / "hogels")]) == 130
+    monkeypatch.setattr(blender, "render_hogels", interrupted)
+    assert blender.main(["--out", str(tmp_path / "hogels")]) == 130
     assert capsys.readouterr().err == "render.py: interrupted; repeat the command to continue\n"
     before = signal.getsignal(signal.SIGINT)
-    pressed = render.interruptions()
+    pressed = blender.interruptions()
     signal.raise_signal(signal.SIGINT)  # is recorded, and does not end the script by itself
     signal.signal(signal.SIGINT, before)
     assert pressed == [signal.SIGINT]

@@ -19,10 +19,9 @@ from xfrustum.cli.main import main
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.exchange.convert import convert
-from xfrustum.reports.plate.directions import write_directions
+from xfrustum.reports.plate.directions import By, Request, choose, write_directions
 from xfrustum.reports.plate.plate import PlateFiles, PlateOptions, write_plate
-from xfrustum.reports.plate.reader import PlateReader
-from xfrustum.reports.plate.ways import By, Request, choose
+from xfrustum.reports.plate.store import PlateReader
 from xfrustum.scenes import InputError, Plate, Scene
 from xfrustum.scenes.appearance import Sampling, Transport
 from xfrustum.scenes.model.images import Channel, ColorType, PlateContent

@@ -26,7 +26,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.exchange.convert import convert
 from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures
-from xfrustum.reports.plate.reader import PlateReader, camera_of
+from xfrustum.reports.plate.store import PlateReader, camera_of
 from xfrustum.reports.view import stored_plate
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance import Appearance, Sampling, Transport

@@ -29,7 +29,7 @@ from xfrustum.compare.truths import TruthBy, chosen_order
 from xfrustum.reference.truth import TILE_PIXELS
 from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.parts import ParquetParts
-from xfrustum.reports.survey.survey import survey
+from xfrustum.reports.survey import survey
 
 NEAR, ALL, HERE = 0.8, SampleRequest(sample=None), Engine(workers=1)
 COARSE = ("--near", str(NEAR))

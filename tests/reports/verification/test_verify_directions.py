@@ -22,7 +22,7 @@ from xfrustum.compare.rounding.causes import HEADINGS
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.directions import write_directions
 from xfrustum.reports.plate.plate import PlateOptions
-from xfrustum.reports.plate.reader import direction_plate
+from xfrustum.reports.plate.store import direction_plate
 from xfrustum.reports.verification.sources import StoredPlate
 from xfrustum.reports.verification.words import defect_words
 from xfrustum.scenes import NOTHING, DepthFormat, Frustum, InputError, Plate, Scene, Screen

@@ -15,7 +15,7 @@ from tests.support.scene_file import film, named, part
 from tests.support.views import soup
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.scene_check.sight import require_seen, unseen_sentence, warnings
+from xfrustum.reports.text import require_seen, unseen_sentence, warnings
 from xfrustum.scenes import (
     DoubleFrustum,
     Frustum,

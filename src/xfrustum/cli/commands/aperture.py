@@ -42,7 +42,7 @@ def trace(request: _Trace) -> None:
     chosen = options.chosen_aperture(opened, request.aperture)
     from xfrustum.reference import Reference
     from xfrustum.reports.common.outputs import check_writable_image
-    from xfrustum.reports.trace import forecast, trace_alone, trace_to_file, trace_transported
+    from xfrustum.reports.image_files import forecast, trace_alone, trace_to_file, trace_transported
 
     check_writable_image(request.out)
     options.look_at(opened, [chosen], black_is_right=True)

@@ -141,15 +141,15 @@ def compare(request: _Compare) -> None:
     for image in (request.truth, request.raster):
         # Refuse pipes and devices before they block, and before imports that take seconds.
         regular_size(image, "image file")
-    from xfrustum.reports import comparison
+    from xfrustum.reports import image_files
     from xfrustum.reports.text import comparison_table
 
-    options.check_out(request.out, comparison.FILES)
-    compared = comparison.compare_files(request.truth, request.raster)
+    options.check_out(request.out, image_files.FILES)
+    compared = image_files.compare_files(request.truth, request.raster)
     for line in filter(None, (compared.note, compared.unexamined)):
         options.note(line)
     if request.out is not None:
-        comparison.write_comparison(compared, request.out)
+        image_files.write_comparison(compared, request.out)
     request.tell(compared.comparison.summary, lambda: comparison_table(compared.comparison))
 
 

@@ -108,11 +108,11 @@ class _Judged(_Chosen):
         if not self.cases:
             raise click.UsageError("no case has these names in these levels")
         from xfrustum.compare.judging.judged import ANY_DEVICE
-        from xfrustum.reports.conformance import run, statement
+        from xfrustum.reports.conformance import run
         from xfrustum.reports.conformance.cases import Archive, traced
         from xfrustum.scenes.model.device_model import DeviceModel
 
-        options.check_out(self.out, statement.FILES)
+        options.check_out(self.out, run.FILES)
         # Without a device.json, any rounding that OpenGL permits is accepted.
         name, model = self.device or "not stated", ANY_DEVICE
         if name.endswith(".json"):
@@ -124,14 +124,14 @@ class _Judged(_Chosen):
             device=model,
             pictures=self.out is not None,
         )
-        result = statement.Statement(
+        result = run.Statement(
             renderer=self.renderer or renderer.name,
             device=name,
             device_model=model.name,
             verdicts=run.run(self.cases, renderer, judging, progress=self.progress),
         )
         if self.out is not None:
-            statement.write_statement(result, self.out)
+            run.write_statement(result, self.out)
         self.tell(result.summary, result.table)
         return 0 if result.passed else options.LIMIT_EXCEEDED
 

@@ -124,7 +124,7 @@ def plate(request: _Plate) -> None:
         )
     from xfrustum.reports.blocks import HERE
     from xfrustum.reports.exchange.convert import LaidOutPlate
-    from xfrustum.reports.plate.directions import write_directions
+    from xfrustum.reports.plate.directions import DEPTH, By, Request, choose, write_directions
     from xfrustum.reports.plate.plate import (
         PlateOptions,
         arrays_of,
@@ -132,7 +132,6 @@ def plate(request: _Plate) -> None:
         write_plate,
     )
     from xfrustum.reports.plate.store import plate_size
-    from xfrustum.reports.plate.ways import DEPTH, By, Request, choose
     from xfrustum.scenes.model.images import Channel, ColorType, PlateContent
 
     placed = (
@@ -291,8 +290,8 @@ def survey(request: _Survey) -> int:
             "--until Q%"
         )
     opened = options.open_scene(request.scene)
-    from xfrustum.reports.survey.answer import PAGE
-    from xfrustum.reports.survey.survey import survey as surveyed
+    from xfrustum.reports.survey import PAGE
+    from xfrustum.reports.survey import survey as surveyed
 
     if not request.settings:
         raise click.UsageError("give --near or --nears")

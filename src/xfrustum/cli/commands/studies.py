@@ -91,8 +91,8 @@ def figure7(request: _Figure7) -> None:
     opened = options.open_scene(request.scene)
     chosen = options.chosen_aperture(opened, request.aperture)
     second = None if request.other is None else opened.plate.aperture(*request.other)
-    from xfrustum.reports import figure7 as figures
     from xfrustum.reports.error_report.report import default_folder
+    from xfrustum.research import paper as figures
 
     folder = request.out or Path("figure7") / default_folder(opened).name
     options.check_out(folder, figures.FILES)
@@ -117,10 +117,10 @@ def _repeat(count: int) -> Any:
 
 def _measured(request: Measured, name: str, *what: Any, **settings: Any) -> None:
     """Run a benchmark and print its results."""
-    from xfrustum.research import benchmarks, ray_rates, table1
+    from xfrustum.research import benchmarks, paper, ray_rates
 
     # Table 1 and rays have modules of their own; all other benchmarks share a module.
-    own = {"table1": table1, "rays": ray_rates}.get(name, benchmarks)
+    own = {"table1": paper, "rays": ray_rates}.get(name, benchmarks)
     settings = options.present(**settings, progress=request.progress)
     result = getattr(own, f"benchmark_{name}")(*what, **settings)
     request.tell(lambda: result, lambda: getattr(own, f"{name}_table")(result))
@@ -157,12 +157,12 @@ def judge(request: _Judge) -> None:
     and the car with a million triangles.
     """
     opened = [options.open_scene(name) for name in request.scenes]
-    from xfrustum.research import benchmarks, table1
+    from xfrustum.research import benchmarks, paper
 
     # Scenes of the user replace the default set, including the tessellated car.
     count = request.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
-    opened += [] if count is None else [table1.tessellated_car(count, 0.0).scene]
+    opened += [] if count is None else [paper.tessellated_car(count, 0.0).scene]
     _measured(
         request,
         "judge",

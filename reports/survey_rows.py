@@ -25,8 +25,8 @@ from xfrustum.reports.blocks import HogelBlock, HogelJob, device_index
 from xfrustum.reports.common.pictures import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.common.templates_environment import address
-from xfrustum.reports.heat_map import plate_cells
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
+from xfrustum.reports.plotting import plate_cells
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 

@@ -1,28 +1,61 @@
-"""Result of a survey: counts and bounds of each setting, sentence, JSON object and page."""
+"""`xfrustum survey`: the share of a plate's hogels beyond a tolerance, and the worst hogels.
 
-from collections.abc import Sequence
+Hogels are judged all over the plate (`survey_rows`). The result has the counts and bounds of each
+setting (`compare.sampling`), a sentence, a JSON object and a page.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
-from xfrustum.compare.sampling import SampleExtent
-from xfrustum.compare.truths import TruthBy
-from xfrustum.reports import inspection
-from xfrustum.reports.common.figure_style import Figure as Plot
-from xfrustum.reports.common.figure_style import log_axis, look, styled
-from xfrustum.reports.common.outputs import Staging, json_object
-from xfrustum.reports.common.provenance import raster_command, versions
+from xfrustum.compare.sampling import (
+    PathApertures,
+    PlateSample,
+    SampleExtent,
+    SampleRequest,
+    places_of,
+)
+from xfrustum.compare.truths import TruthBy, chosen_order
+from xfrustum.reports import inspection, survey_rows
+from xfrustum.reports.blocks import Engine, blocks_of, open_workers
+from xfrustum.reports.common.outputs import (
+    Staging,
+    check_writable_folder,
+    json_object,
+    json_ready,
+    progress_bar,
+    raster_command,
+    versions,
+)
 from xfrustum.reports.common.templates_environment import html_page, sentence
-from xfrustum.reports.heat_map import MARK, mark, plate_map
 from xfrustum.reports.inspection import PlateMap
 from xfrustum.reports.notebook import Figure, NotebookRepr, map_of, png
-from xfrustum.reports.survey import rows
-from xfrustum.scenes import DoubleFrustum, Scene
+from xfrustum.reports.parts import ParquetParts, scene_description
+from xfrustum.reports.plotting import MARK, log_axis, look, mark, plate_map, styled
+from xfrustum.reports.plotting import Figure as Plot
+from xfrustum.reports.survey_rows import (
+    SurveyJob,
+    SurveySession,
+    counted_rows,
+    hogels_per_block,
+    rows_per_block,
+    stats_of,
+)
+from xfrustum.reports.text import require_seen
+from xfrustum.scenes import DoubleFrustum, InputError, Scene
+from xfrustum.scenes.arguments import choice, one_of, real
+from xfrustum.scenes.model.visibility import apertures_drawn
 from xfrustum.scenes.representation import digits, percent, percent_up
-from xfrustum.tolerances import MAX_WRONG
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 #: template of sentences
 WORDS = "survey-words.txt.j2"
@@ -35,7 +68,7 @@ class Survey(NotebookRepr):
     scene: Scene
     settings: tuple[DoubleFrustum, ...]
     #: statistics of each setting
-    stats: tuple[rows.SettingStats, ...]
+    stats: tuple[survey_rows.SettingStats, ...]
     extent: SampleExtent
     #: largest displacement (p99) of a hogel within the limits, pixels
     tolerance_px: float
@@ -51,11 +84,11 @@ class Survey(NotebookRepr):
         bad = [(each.beyond, *(hogel.badness for hogel in each.worst[:1])) for each in self.stats]
         return bad.index(min(bad))
 
-    def at_most(self, stats: rows.SettingStats) -> float | None:
+    def at_most(self, stats: survey_rows.SettingStats) -> float | None:
         """Return the bound on the share of hogels beyond; None while a part is missing."""
         return self.extent.at_most(stats.beyond)
 
-    def bound_words(self, stats: rows.SettingStats) -> str:
+    def bound_words(self, stats: survey_rows.SettingStats) -> str:
         """Return the bound in percent, rounded up; "-" without a bound."""
         share = self.at_most(stats)
         return "-" if share is None else percent_up(share)
@@ -105,7 +138,7 @@ class Survey(NotebookRepr):
         }
         return json_object(record)
 
-    def _counts(self, stats: rows.SettingStats) -> dict[str, Any]:
+    def _counts(self, stats: survey_rows.SettingStats) -> dict[str, Any]:
         """Return counts, the bound and the worst hogel of a setting."""
         names = ("aperture", "displacement_p99_px", "surface_fraction")
         worst = [{name: getattr(hogel, name) for name in names} for hogel in stats.worst[:1]]
@@ -130,7 +163,7 @@ class Survey(NotebookRepr):
         return f"{self.scene.name!r}, {self.sentence}"
 
     def _figures(self) -> Sequence[Figure]:
-        cells = self.stats[self.best].maps.get(rows.P99)
+        cells = self.stats[self.best].maps.get(survey_rows.P99)
         if cells is None or not np.isfinite(cells).any():
             return ()
         largest = digits(float(np.nanmax(cells)))
@@ -147,13 +180,13 @@ MARKED_HOGELS = 3
 DISTRIBUTION_MARGIN = 3.0
 
 #: worst hogels with their pictures
-Pictured = Sequence[tuple[rows.WorstHogel, rows.ShownHogel]]
+Pictured = Sequence[tuple[survey_rows.WorstHogel, survey_rows.ShownHogel]]
 
 
 def write_survey(answer: Survey, pictured: Pictured, out: Path) -> tuple[Path, ...]:
     """Write the page, the JSON object and the inspection page, all or nothing."""
     settings, maps = answer.settings[answer.best], answer.stats[answer.best].maps
-    name = rows.P99 if rows.P99 in maps else rows.SURFACE
+    name = survey_rows.P99 if survey_rows.P99 in maps else survey_rows.SURFACE
     drawn = f"near {digits(settings.near)}, {settings.depth_label}"
     inspected = inspection.Inspection(
         command="survey",
@@ -194,7 +227,7 @@ def map_figures(answer: Survey) -> list[Plot]:
     for name, values in stats.maps.items():
         if np.nanmax(values, initial=0.0) > 0:
             words = words_of(name) + (f", {answer.scene.units}" if name == "height_rms" else "")
-            moved = name == rows.P99
+            moved = name == survey_rows.P99
             figure = plate_map(plate, values, words, known=stats.known, logarithmic=moved)
             if moved:
                 worst = [
@@ -208,7 +241,7 @@ def map_figures(answer: Survey) -> list[Plot]:
 def words_of(column: str) -> str:
     """Return the caption of a mapped column."""
     cause = column.removeprefix("cause_").removesuffix("_surface").replace("_", " ")
-    return rows.MAP_COLUMNS.get(column, f"wrong surfaces by {cause}, pixels")
+    return survey_rows.MAP_COLUMNS.get(column, f"wrong surfaces by {cause}, pixels")
 
 
 def distribution_figure(answer: Survey) -> Plot:
@@ -242,3 +275,132 @@ def distribution_figure(answer: Survey) -> Plot:
         "shapes": [{**tolerance, "y0": 0, "y1": 1, "line": {"color": MARK, "dash": "dot"}}],
     }
     return styled(lines, layout)
+
+
+#: name of the folder of the rows
+ROWS = "survey.parquet"
+
+
+def survey(  # noqa: PLR0913 - one keyword for each option of the command
+    scene: Scene,
+    settings: DoubleFrustum | Sequence[DoubleFrustum],
+    out: Path,
+    request: SampleRequest | None = None,
+    *,
+    tolerance_px: float = TOLERANCE_PX,
+    tracer: str = "embree",
+    truth_by: TruthBy | str = TruthBy.AUTO,
+    engine: Engine | None = None,
+    note: Callable[[str], object] = lambda line: None,
+    progress: bool = False,
+) -> Survey:
+    """Judge hogels all over a plate; write survey.parquet, survey.json and the pages.
+
+    Every hogel is drawn with each setting; `compare.beyond` defines the hogels beyond
+    `tolerance_px`. `tracer` gives a second opinion on the truth. `truth_by` is the order in which
+    truths are computed; it changes no row. `engine` judges the hogels, by default in one process
+    per processor. `note` receives sentences.
+
+    A stopped survey continues. Rows equal the rows of an undisturbed run, except the index of
+    `device`, which identifies the worker's device.
+
+    Raises InputError if scene, settings or folder are unusable, or the folder has another survey.
+    """
+    one_of(scene, Scene, "scene")
+    request, engine = request or SampleRequest(), engine or Engine()
+    if request.until is not None and not engine.part.everything:
+        raise InputError(
+            "--part needs the number of hogels beforehand, and --until finds it; use --all or "
+            "--sample"
+        )
+    if not real(tolerance_px) > 0:
+        raise InputError(f"--tolerance-px must be positive, not {tolerance_px}")
+    check_writable_folder(out, FILES)
+    require_seen(scene, scene.plate.apertures())
+    drawn = _each(settings, scene)
+    parts = ParquetParts(out=out.absolute(), name=ROWS)
+    hogels = math.prod(scene.plate.hogels)
+    everything = request.sample is None and request.until is None
+    order = chosen_order(
+        choice(TruthBy, truth_by, "truth_by"),
+        scene,
+        refusal="" if everything else "decides all hogels of a plate: give --all too",
+        rows=rows_per_block(scene),
+    )
+    job = SurveyJob(
+        scene=scene,
+        parts=parts,
+        tolerance_px=tolerance_px,
+        settings=drawn,
+        tracer=tracer,
+        truth_by=order,
+    )
+    # Sample only hogels that can show something.
+    population = None if everything else places_of(apertures_drawn(scene, drawn))
+    sample = PlateSample.from_request(hogels, request, population, len(drawn))
+    size = hogels_per_block(sample.first_size, scene.frustum, len(drawn))
+    if order is TruthBy.DIRECTIONS:
+        size = rows_per_block(scene) * scene.plate.hogels[0]
+    work = {
+        "settings": drawn,
+        "tracer": tracer,
+        "max_wrong": MAX_WRONG,
+        "tolerance_px": tolerance_px,
+    }
+    work |= {"scene": scene_description(scene), "hogels": sample.description}
+    # Blocks depend on the order of truths: a message on another order then does not name blocks.
+    work["truths"] = {"--truth-by": order, order: {"block": size}}
+    parts.open(json_ready(work))
+
+    begun, rows = time.perf_counter(), list[pa.Table]()
+    plate = scene.plate
+    blocks = blocks_of(PathApertures(plate, sample.new_places(0)), size, 0)
+    own = list(engine.part.of(blocks))
+    with (
+        open_workers(engine, len(blocks), draws=job.draws) as workers,
+        progress_bar(sum(map(job.size, own)), job.name, job.unit, shown=progress) as bar,
+    ):
+        for look in range(sample.looks):
+            # Only a growing sample, which job arrays refuse, has more than one look.
+            if look:
+                grown = PathApertures(plate, sample.new_places(look))
+                own = blocks = blocks_of(grown, size, blocks[-1].number + 1)
+                bar.total += sum(map(job.size, own))
+            parts.tell_damaged((block.number for block in own), note)
+            workers.make(job, own, bar)
+            finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
+            rows += [counted_rows(parts.read(block.number)) for block in finished]
+            stats = stats_of(plate.hogels, len(drawn), rows)
+            complete = len(finished) == len(blocks)
+            extent = sample.extent(stats[0].judged, look, complete=complete)
+            if all(extent.decides(counts.beyond) for counts in stats):
+                break
+        answer = Survey(
+            scene=scene,
+            settings=drawn,
+            stats=stats,
+            extent=extent,
+            tolerance_px=tolerance_px,
+            truth_by=order,
+            workers=workers.count,
+            wall_s=time.perf_counter() - begun,
+        )
+        if extent.complete:
+            shown = [
+                (hogel, workers.ask(job, SurveySession.shown, hogel.aperture, answer.best))
+                for hogel in stats[answer.best].worst
+            ]
+            write_survey(answer, shown, parts.out)
+    return answer
+
+
+def _each(
+    settings: DoubleFrustum | Sequence[DoubleFrustum], scene: Scene
+) -> tuple[DoubleFrustum, ...]:
+    """Return the settings without repetition; InputError if a setting does not fit the scene."""
+    drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
+    if not drawn:
+        raise InputError("a survey needs at least one setting; give --near or --nears")
+    for setting in drawn:
+        setting.check_against(scene.frustum)
+    return drawn
