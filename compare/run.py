@@ -265,7 +265,7 @@ class Evaluator:
     def _judged(
         self, truths: Iterator[_Truth], groups: CameraGroups, request: FrameRequest
     ) -> Generator[JudgedFrame, None, None]:
-        """Trace and draw in this thread, judge in others, and yield the frames in order."""
+        """Trace and draw in this thread, judge in other threads, and yield frames in order."""
         pixels = math.prod(self.scene.frustum.resolution)
         # A task has all frames of its cameras. Drawing and judging overlap only with at least two
         # tasks.
@@ -398,7 +398,7 @@ def judge_frames(
             perceptual=request.perceptual,
             cached_errors=cached,
         )
-        # Without causes there is no R0: use the first frame, from which others differ at few
+        # Without causes there is no R0: use the first frame. Other frames differ from it at few
         # pixels.
         cached = cached or comparison.errors
         compared = time.perf_counter()

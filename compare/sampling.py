@@ -133,7 +133,7 @@ class GrowingSample:
             random = np.random.default_rng((self.seed, number))
             drawn = random.integers(ends[:-1], np.maximum(ends[1:], ends[:-1] + 1))
             drawn[np.searchsorted(ends, places, side="right") - 1] = places
-            # With more runs than hogels, some runs are empty and the others have one hogel each.
+            # With more runs than hogels, some runs are empty and other runs have one hogel each.
             places = np.asarray(drawn[ends[1:] > ends[:-1]], dtype=np.int64)
         return places
 

@@ -265,8 +265,8 @@ class AutoApertures:
 
     scout: PlateScan
     chosen: tuple[ChosenAperture, ...]
-    #: Number of scanned apertures with a surface in the aperture itself, which no settings draw
-    #: correctly. They are chosen only if there are no other apertures.
+    #: Number of scanned apertures with a surface in the aperture itself. No settings draw their
+    #: images correctly. They are chosen only if there are no other apertures.
     blocked: int
 
     @property

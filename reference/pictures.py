@@ -240,7 +240,7 @@ class Pictures:
                 for at, along in zip(apertures, direction, strict=True)
             ]
             looks = self._looks(triangle, position, direction, points, (normals, colored))
-        # Columns and rows of lines run through the tile in steps of 1 or -1.
+        # The grid of lines has the order of the tile, or the reverse order if `step` is -1.
         turned = (slice(None, None, lines.step),) * 2
         tied = decided.tied_triangles.copy()
         if lines.step < 0:

@@ -452,7 +452,7 @@ class Shader:
         return Shader(self._scene, ALL_EFFECTS)
 
     def _out_of_sight(self, height: Floats) -> bool:
-        """Return whether points lie beyond the reach of the effects, as with tiny nears."""
+        """Return whether any point is beyond the reach within which effects were selected."""
         toward, back = (FAR_MARGIN * reach for reach in self._scene.frustum.reach)
         return len(height) > 0 and not (-back <= height.min() and height.max() <= toward)
 

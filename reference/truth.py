@@ -125,7 +125,7 @@ class TileDecisions:
             grid = lines.of_pixel((column, row))
             certifier = Certifier(triangles, grid)
             decided = certifier.decide(every)
-            # Columns and rows of lines run through the tile in steps of 1 or -1.
+            # The grid of lines has the order of the tile, or the reverse order if `step` is -1.
             turned = (slice(None, None, grid.step),) * 2
             self._triangle[number] = decided.triangle[turned]
             self._s[number] = decided.s[turned]

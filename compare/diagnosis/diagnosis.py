@@ -76,7 +76,7 @@ class Evidence:
     basis: Basis = Basis.NOTHING
     hogels: int = 0  #: number of hogels that were used
     claims: int = 0  #: number of claims that were fitted
-    spoiled: int = 0  #: number of hogels that were left out because they differ from the others
+    spoiled: int = 0  #: number of hogels that were left out because they differ from the rest
     holds: bool = True  #: whether the claims hold under the fit
 
 

@@ -95,7 +95,7 @@ MAX_PITCH_DIFFERENCE = 1e-3
 
 
 def compositions(test: TestSet, model: RendererModel) -> list[RendererModel]:
-    """Return candidates with the composition that agrees best with images, then equally good ones.
+    """Return the candidate whose composition agrees best with images, then equally good candidates.
 
     Defects of composition and numbers that do not improve the explanation are removed.
     """
@@ -351,8 +351,8 @@ def _moved_at_one_depth(test: TestSet, model: RendererModel) -> Iterator[Rendere
 def _sheared_instead(test: TestSet, model: RendererModel) -> Iterator[RendererModel]:
     """Yield candidates that may show the same images as a wrong shear or a moved screen.
 
-    If all visible surfaces are on one side of the plate, images contain nothing of the other
-    camera. In a single aperture, a missing or reversed shear is equivalent to a moved screen, and a
+    If all visible surfaces are on one side of the plate, the camera of the other side draws no
+    pixel. In a single aperture, a missing or reversed shear is equivalent to a moved screen, and a
     reversed shear of one camera is equivalent to a shift of its film.
     """
     nominal, scene = test.nominal, test.reference.scene

@@ -91,8 +91,8 @@ CORNER_PITCHES = 0.01
 # The fit is accurate to a fraction of a pixel, so that edges farther away are not limiting.
 NEIGHBORHOOD_PX = 0.5
 
-# Displacement of outlines, in pixels, above which a number counts as unbounded. Limit of numbers in
-# the solver, in pixels of displacement, far above any bounded number.
+# Displacement of outlines, in pixels, above which a number counts as unbounded. Displacement to
+# which the solver limits numbers, far above the displacement by any bounded number.
 UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
 
 # Displacement of outlines by a step, in pixels, below which it is noise of finite differences. The
@@ -325,7 +325,7 @@ class _Search:
         yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
         for height in START_HEIGHTS if recentered else ():
             yield replace(upright, screen_height=height)
-        # In one aperture a wrong shear is equivalent to a moved screen, which is fitted.
+        # In one aperture a wrong shear is equivalent to a moved screen: only the screen is fitted.
         shears = sorted(set(Recentering) - {nominal.recentering}) if recentered and several else []
         for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
             yield replace(upright, near=near, recentering=shear)

@@ -138,7 +138,7 @@ def register(
         for image, offset in zip(chosen, offsets, strict=True)
     ]
     # Step 4: shift and field of view, first with blurred outlines, which attract each other, then
-    # with sharp ones.
+    # with sharp outlines.
     best = _closest(pairs, _least(pairs, _least([pair.blurred() for pair in pairs], _start(pairs))))
     # Step 5: intervals. The four fitted numbers are the first four parameters. A number is nominal
     # if its interval contains the nominal value.

@@ -75,7 +75,7 @@ class TestSet:
         return replace(self, images=images, judging=judging or self.judging, masks={})
 
     def few(self) -> TestSet:
-        """Return only the first and the last tested image, which select among candidates."""
+        """Return a test set of only the first and the last tested image, to select candidates."""
         return self.of(self.tested[:: max(1, len(self.tested) - 1)])
 
     @property
@@ -110,7 +110,7 @@ class TestSet:
         return self.masks[model, explained]
 
     def wrong(self, model: RendererModel, *, explained: bool = False) -> int:
-        """Count a candidate's wrong pixels; if `explained`, only those without a known cause."""
+        """Count a candidate's wrong pixels; if `explained`, only pixels without a known cause."""
         return int(self.mask(model, explained=explained).sum())
 
     def outliers(self, model: RendererModel) -> Iterator[TestSet]:
@@ -160,7 +160,7 @@ class TestSet:
         return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
 
     def reduced(self, model: RendererModel) -> RendererModel:
-        """Return a candidate without defects that do not improve the explanation by the others."""
+        """Return a candidate without the defects that do not improve its explanation."""
         while True:
             simpler = list(self._simpler(model))
             rest = [candidate for candidate in simpler if not self.pays(model, candidate)]

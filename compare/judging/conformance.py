@@ -193,7 +193,7 @@ def _marked(like: Mask, row: Indices, column: Indices) -> Mask:
 def _compared_colors(
     case: Case, _: Scene, truth: HogelImage, image: HogelImage
 ) -> tuple[Mask, Mask]:
-    """Return the pixels (H, W) that show something, and those that differ."""
+    """Return the pixels (H, W) that show something, and the pixels that differ."""
     assert truth.color is not None
     color = np.full_like(truth.color, np.nan) if image.color is None else image.color
     image = replace(image, color=color)
@@ -207,7 +207,7 @@ def _compared_colors(
 def _compared_objects(
     _: Case, scene: Scene, truth: HogelImage, image: HogelImage
 ) -> tuple[Mask, Mask]:
-    """Return the pixels (H, W) that show something, and those that differ."""
+    """Return the pixels (H, W) that show something, and the pixels that differ."""
     objects = image.object
     if not (objects != NOTHING).any():  # OpenEXR files can have only triangle numbers
         objects = scene.object_of_number[existing_triangles(image.triangle, scene)]

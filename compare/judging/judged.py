@@ -169,7 +169,7 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
 def foreign_cameras(
     scene: Scene, model: RendererModel, aperture: Aperture, device: DeviceModel = ANY_DEVICE
 ) -> tuple[RoundingCamera, ...]:
-    """Return C and C* of a renderer, which may clip at their films' borders."""
+    """Return the cameras C and C* of a renderer; both may clip at the borders of their films."""
     # Both cameras have the same depth buffer. If one camera is in the aperture, the buffer must
     # suit any ratio of far to near.
     depth, mapping = (

@@ -119,7 +119,7 @@ class Limits:
             kept = None if numbers.blind else True
         elif (outlines := numbers.outlines) is not None and outlines.shown:
             share, most = outlines.missing / outlines.shown, MAX_MISSING_OUTLINES
-            # A minority of outlines does not stand for the majority that the picture cannot show.
+            # If most outlines may be invisible in the picture, the rest is not representative.
             doubtful = 2 * outlines.unknown > outlines.shown
             doubtful |= outlines.untold > self.wrong * numbers.shown
             limit_share(MISSING, share, most, False if share > most else None if doubtful else True)

@@ -119,7 +119,7 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Views:
-    """True images of some apertures of a scene, which predict the errors of settings."""
+    """True images of some apertures of a scene; the images predict the errors of settings."""
 
     reference: Reference
     views: tuple[View, ...]
@@ -394,8 +394,7 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
                 places += [(camera, ends, loser_first) for loser_first in (True, False)]
         if not places:
             continue
-        # Cells are assigned to pairs at random, and have random heights between the ends of their
-        # pair.
+        # Assign cells to pairs at random; heights of cells are random in the pair's range.
         random = np.random.default_rng(1997)
         owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
         pairs = []

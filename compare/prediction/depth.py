@@ -472,7 +472,7 @@ class _Table:
     first: int
     step: Floats  #: distance of neighboring stored values
     error: Floats  #: standard deviation of the difference of two surfaces' depths
-    doubtful: Floats  #: differences below which two depths may be ordered wrongly
+    doubtful: Floats  #: difference of two depths below which their order may be wrong
 
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
         """Return the indices of depth pairs that may be misordered, and their rows of the table."""

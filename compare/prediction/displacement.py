@@ -155,7 +155,7 @@ def outside_shares(
 ) -> tuple[float, ...]:
     """Return the share of pixels that each link of a chain adds with points from outside the film.
 
-    A pixel is charged to the first link whose image, like all later ones, shows a point from
+    A pixel is charged to the first link whose image, like all later images, shows a point from
     outside the film. If a point on the film's border is drawn d pixels farther in, the strip of d
     pixels shows points from beyond the border. A pixel counts if its center is in the strip:
     floor(d + 1/2) pixels. `points` are the points of all pixels (H, W).

@@ -243,7 +243,7 @@ class Silhouettes:
             settings: expected_wrong(_swept(steps, low, high), missing, self._judged)
             for settings, low, high in self._spans(chain)
         }
-        # A pixel is charged to the first link whose image, like all later ones, is wrong there.
+        # A pixel is charged to the first link whose image, like all later images, is wrong there.
         return tuple(np.diff([wrong[settings] for settings in chain], prepend=0.0).tolist())
 
     def _spans(
@@ -402,7 +402,7 @@ def _swept(steps: Contours, low: Floats, high: Floats) -> Floats:
     count = np.ceil(np.maximum(high - low, 0)).astype(np.int64)
     step = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
-    # The pixel under the middle of each piece.
+    # Locate the pixel under the middle of each piece.
     size = (high - low) / np.maximum(count, 1)
     along = low[step] + (number + 0.5) * size[step]
     column, row = (

@@ -83,7 +83,7 @@ def field_of(group: str) -> str:
 
 
 def places(*groups: str) -> list[int]:
-    """Return the indices of the numbers of some groups in `RendererModel.parameters`."""
+    """Return the indices in `RendererModel.parameters` of the numbers in some groups."""
     return [place for group in groups for place, (name, *_) in enumerate(NUMBERS) if name == group]
 
 
@@ -181,7 +181,7 @@ class Recentering(StrEnum):
     NONE = "none"  # each aperture looks straight ahead, and the film keeps its extent
     C_STAR_REVERSED = "C*"  # C* has -k: it is sheared in the direction of C
     C_REVERSED = "C"  # C has -k: it is sheared in the direction of C*
-    BOTH_REVERSED = "C and C*"  # both have -k, as for a screen on the other side of the plate
+    BOTH_REVERSED = "C and C*"  # C and C* have -k, as for a screen on the other side of the plate
 
     def factor(self, side: int) -> float:
         """Return the factor of the shear k of C (side 1 or 0) or of C* (side -1)."""
@@ -278,7 +278,7 @@ class RendererModel:
     overlaid: bool = True
     culled: Culled = Culled.NONE
     back: Back = Back.NEAREST
-    #: the only camera to which shift, fov and near apply; None if they apply to both
+    #: the only camera to which shift, fov and near apply; None if they apply to both cameras
     one_camera: OneCamera | None = None
     #: whether the lights of the viewer's half are conjugated
     conjugated: bool = True

@@ -202,7 +202,7 @@ def _clip_places(corners: Floats, bundle: RayBundle, shift: tuple[float, float])
     width, height = bundle.resolution
     q = corners - np.asarray(bundle.center)
     # In front of the camera s is positive for C and negative for C*; w, the distance along the
-    # axis, is positive for both.
+    # axis, is positive for both cameras.
     side = 1.0 if sum(bundle.s_range) > 0 else -1.0
     w = -side * q[..., 2]
     film = (side * q[..., :2] - w[..., None] * bundle.shear) / bundle.half_extent

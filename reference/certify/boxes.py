@@ -35,7 +35,7 @@ from xfrustum.reference.certify.cone import (
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines import RayBundle
 
-#: Largest total number of rows of the boxes of one `Boxes`, which are counted in 32 bits
+#: Largest total number of rows of the boxes in one `Boxes`: rows are counted in 32 bits
 MAX_ROWS = 1 << 31
 
 

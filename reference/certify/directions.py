@@ -14,8 +14,9 @@ Therefore `filter` works for both, with apertures in place of slopes: boxes boun
 projected along d onto the plate. Inside a triangle all three edge functions have the sign of d . n.
 
 Lines through a point M of the screen are a pencil about M, except for the rounding of their slopes.
-At the height of M, the distance of a line from M (`apart`) is less than delta. This changes an edge
-function by at most |delta . (d x e)|, which is added to its rounding bound.
+At the height of M, the distance of a line from M (`apart`) is less than delta. This distance
+changes an edge function by at most |delta . (d x e)|, an amount that is added to the function's
+rounding bound.
 
 The values of s, their bounds, and the tests of open pixels are the same expressions of the same
 doubles as for lines through one aperture (`cone`), so that all bits are equal (docs/truth.md, "By

@@ -171,7 +171,7 @@ class ExactPencil:
         return any(between(0, side) and between(1, side) for side in (1, -1))
 
     def contains_center(self, triangle: int) -> bool:
-        """Return whether the center lies in a closed triangle, which every line meets at s = 0."""
+        """Return whether the center lies in a closed triangle: every line meets it at s = 0."""
         edges, normal, offset = self.cone(triangle)
         return (
             offset == 0 and normal != (0, 0, 0) and all(_dot(edge, normal) >= 0 for edge in edges)

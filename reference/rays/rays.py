@@ -344,7 +344,7 @@ class ExactMesh:
         return t, error, sure, possible
 
     def _filtered(self, batch: RayBatch) -> tuple[Indices, Floats, Indices, Indices]:
-        """Return first triangles and t proven in doubles, and the pairs of other rays.
+        """Return first triangles and t proven in doubles, and the pairs of undecided rays.
 
         t is in the units of the mesh.
         """
@@ -510,7 +510,7 @@ def _nearest(place: Fraction, exponent: int) -> float:
 def _overlapping(pairs: Candidates) -> Indices:
     """Return the group of each pair: pairs of a ray whose intervals of t overlap form a group.
 
-    Intervals may overlap through other intervals. Pairs are sorted by ray, then by the smallest
+    A chain of overlapping intervals is one group. Pairs are sorted by ray, then by the smallest
     possible t.
     """
     near, far = pairs.t - pairs.error, pairs.t + pairs.error

@@ -35,9 +35,9 @@ from xfrustum.reference.backend import (
 from xfrustum.reference.certify.cone import UNIT_ROUNDOFF
 from xfrustum.scenes.arrays import Floats, Indices, Singles
 
-#: Number of neighbors on either side among which a cluster chooses. With 8, the sum of the areas
-#: of all boxes, which determines the time of a walk, is 12 % larger to 1 % smaller (car, truck, car
-#: body).
+#: Number of neighbors on either side among which a cluster chooses. The sum of the areas of all
+#: boxes determines the time of a walk. With 8 neighbors, it is between 12 % larger and 1 % smaller
+#: than with 3 (car, truck, car body).
 RADIUS = 3
 
 #: Smallest share of clusters that a round must merge; else neighbors are merged pairwise. If areas
