@@ -36,8 +36,8 @@ CONVENTIONS = (
     "Clip w is the distance from the camera along its axis. Only points with near <= w <= far are "
     "drawn.",
     "Passes are drawn in the order given, each with its depth buffer cleared to `clear`, over "
-    "those before it. Depth tests are strict: of equal depths the one drawn first stays. Nothing "
-    "is culled unless `culled_face` says so.",
+    "earlier passes. Depth tests are strict: of two surfaces at equal depth, the surface drawn "
+    "first stays. No face is culled unless `culled_face` names it.",
 )
 
 

@@ -119,7 +119,7 @@ def overlooked_card() -> str | None:
     if gpu_indices():
         set_by_user = [name for name in SOFTWARE_ASKED if os.environ.get(name)]
         return (
-            f"this machine has a card, and {set_by_user[0]} keeps EGL from it; unset that"
+            f"this machine has a GPU, and {set_by_user[0]} hides it from EGL; unset the variable"
             if set_by_user
             else None
         )

@@ -117,7 +117,7 @@ def read_header(path: Path) -> Header:
         headers = [dict(file.header(part)) for part in range(len(file.parts))]
         kinds = {header["type"] for header in headers}
         if not kinds <= {OpenEXR.scanlineimage, OpenEXR.tiledimage}:
-            raise ValueError("it has deep pixels; only flat ones are read")
+            raise ValueError("it has deep pixels; only flat pixels are read")
         sizes = [_size(header["dataWindow"]) for header in headers]
         size = _size(headers[0]["displayWindow"])
         counts = [len(header["channels"]) for header in headers]
@@ -254,7 +254,7 @@ def read_image(
     camera = own or camera
     if camera is None:
         raise InputError(
-            f"{path}: has no {CAMERA_ATTRIBUTE} attribute; name the camera that it answers for"
+            f"{path}: has no {CAMERA_ATTRIBUTE} attribute; state the camera of the image"
         )
     usable = planes.keys() & ({*CHANNELS} if partial else {TRIANGLE, *POSITION})
     if not usable:
@@ -374,7 +374,7 @@ def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles
         return None
     if missing:
         raise InputError(
-            f"{path}: has no channel {missing[0]} beside the others of {' '.join(names)}"
+            f"{path}: has no channel {missing[0]} beside the other channels of {' '.join(names)}"
         )
     return np.stack([planes[name] for name in names], axis=-1).astype(np.float32, copy=False)
 

@@ -151,7 +151,9 @@ class Layout:
         elif self.horizontal:  # a tile has one pixel per hogel, rounded down by the specification
             columns, rows = stated
             if min(columns, rows) < 1:
-                raise InputError(f"{columns} x {rows} tiles are none")
+                raise InputError(
+                    f"{columns} x {rows} tiles do not exist; a quilt has at least 1 x 1"
+                )
             hogels, resolution = (width // columns, height // rows), (columns * rows, 1)
         else:
             hogels, resolution = _mosaic(size, known)

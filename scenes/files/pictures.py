@@ -131,7 +131,7 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
     with _opened(path) as picture:
         if resolution is not None and picture.size != resolution:
             size, expected = (" x ".join(map(str, s)) for s in (picture.size, resolution))
-            raise InputError(f"{path}: is {size}, but the scene says {expected}")
+            raise InputError(f"{path}: is {size}, but the scene has {expected}")
         disk.check_picture_size(path, *picture.size)
         # Pillow reduces PPM files of 16 bits to 8 silently; their largest level is the second
         # argument of the decoder.
@@ -185,7 +185,9 @@ def _read_radiance(path: Path) -> Singles:
     if b"FORMAT=32-bit_rle_xyze" in header[0]:
         raise InputError(f"{path}: is stored in XYZ; an environment map is an RGB picture")
     if (header[1], header[3]) != (b"-Y", b"+X"):
-        raise InputError(f"{path}: is not stored row by row from the top left; write it so")
+        raise InputError(
+            f"{path}: is not stored row by row from the top left; store it in this order"
+        )
     height, width = int(header[2]), int(header[4])
     disk.check_picture_size(path, width, height)
     stored = np.frombuffer(content, np.uint8)
@@ -206,7 +208,7 @@ def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
         flat = stored[at : at + 4 * width]
         if flat.size < 4 * width or (flat.reshape(-1, 4)[:, :3] == 1).all(axis=1).any():
             raise InputError(
-                f"{path}: the environment map is damaged, or of before 1991; write it again"
+                f"{path}: the environment map is damaged, or older than 1991; write it again"
             )
         row[:] = flat.reshape(width, 4)
         return at + 4 * width

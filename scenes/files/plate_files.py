@@ -212,7 +212,9 @@ class FileSet:
 
     def _check_type(self, index: Index, picture: Picture, dtype: np.dtype[Any]) -> None:
         if picture.pixels.dtype != dtype:
-            raise InputError(f"{self._path(index)}: has another type of pixels than the others")
+            raise InputError(
+                f"{self._path(index)}: has another type of pixels than the other files"
+            )
 
     def _read(self, index: Index) -> Picture:
         path = self._path(index)

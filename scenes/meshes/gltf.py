@@ -250,7 +250,7 @@ def _faces(gltf: Gltf, primitive: Primitive, count: int) -> Indices:
         raise gltf.error(f"faces point past the vertices: index {order.max()}, {count} vertices")
     if primitive.mode == _TRIANGLES:
         if len(order) % 3:
-            raise gltf.error(f"{len(order)} indices are no triangles")
+            raise gltf.error(f"{len(order)} indices do not form triangles")
         return order.reshape(-1, 3)
     if len(order) < 3:
         return np.empty((0, 3), np.int64)
@@ -344,7 +344,7 @@ def _decode_draco(gltf: Gltf, primitive: Primitive, draco: Attributes) -> None:
     except Exception as error:  # DracoPy and its bindings raise exceptions of their own types
         raise gltf.error(f"{_DRACO}: {str(error) or type(error).__name__}") from error
     if primitive.indices is None or primitive.mode != _TRIANGLES:
-        raise gltf.error(f"{_DRACO} of a primitive that is no indexed list of triangles")
+        raise gltf.error(f"{_DRACO} of a primitive that is not an indexed list of triangles")
     gltf.decoded.update({**arrays, primitive.indices: faces})
 
 

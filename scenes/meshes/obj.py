@@ -337,7 +337,7 @@ def _read_libraries(
         if plain in looks:
             looks[name] = looks[plain]
         elif looks:
-            lost = "is in no library; its surfaces are drawn without it"
+            lost = "is not in a library; its surfaces are drawn without it"
             unread[f"material {name}"] = lost
     own = {name: looks[name] for name in used if name in looks}
     if others := {word for look in own.values() for word in look.not_honoured}:

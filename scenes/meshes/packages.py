@@ -255,10 +255,10 @@ def read_3dxml(path: Path) -> MeshContent:
     shown = [element.get("visible") for element in tree.iterfind(".//{*}GeneralAttributes")]
     if not {"false", "0"}.isdisjoint(shown):
         reason = "hides some of its objects, which is not read"
-        raise package.error(reason, "export what is to be seen")
+        raise package.error(reason, "export only visible objects")
     if tree.find(".//{*}DefaultViewProperty/{*}RelativePosition") is not None:
         reason = "moves objects in a view (RelativePosition), which is not read"
-        raise package.error(reason, "export without")
+        raise package.error(reason, "export without it")
     # References and representations share one number space.
     nodes = {element.get("id", ""): _Node() for element in tree.iterfind(".//{*}Reference3D")}
     for element in tree.iterfind(".//{*}ReferenceRep"):

@@ -118,7 +118,7 @@ def _header(path: Path, data: bytes) -> _Header:
                 pass
             case _:
                 raise InputError(
-                    f"{path}, line {number + 1}: '{line.strip()[:60]}' is damaged, or no line "
+                    f"{path}, line {number + 1}: '{line.strip()[:60]}' is damaged, or not a line "
                     "of PLY"
                 )
     if order is None:
@@ -509,9 +509,8 @@ def read_stl(path: Path) -> MeshContent:
         return _stl_content(path, _text_corners(path, data), ())
     reason = f"header says {counted(count, 'triangle')} = {whole:,} bytes, file has {len(data):,}"
     if len(data) < _HEADER_BYTES:
-        reason = (
-            f"the file has {len(data):,} bytes, fewer than the header of a binary STL and no text"
-        )
+        reason = f"the file has {len(data):,} bytes, fewer than the header of a binary STL, and is "
+        reason += "not text"
     raise InputError(f"{path}: {reason}; export the mesh again")
 
 
@@ -539,7 +538,7 @@ def _text_corners(path: Path, data: bytes) -> Floats:
 def _stl_content(path: Path, corners: Floats, unread: tuple[UnreadFeature, ...]) -> MeshContent:
     if not len(corners):
         raise InputError(
-            f"{path}: the mesh has no triangles: it says so itself; export the mesh again"
+            f"{path}: the mesh has no triangles: the file lists none; export the mesh again"
         )
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
     part = MeshPart(vertices=corners.reshape(-1, 3), faces=faces)

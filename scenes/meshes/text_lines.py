@@ -62,7 +62,7 @@ class TextLines:
     def __init__(self, path: Path, data: bytes, start: int = 0) -> None:
         if b"\0" in data:
             raise InputError(
-                f"{path}: has zero bytes, as no text has; save it as UTF-8, or repair it"
+                f"{path}: has zero bytes, which text does not have; save it as UTF-8, or repair it"
             )
         self.path = path
         self._data = data if data.endswith(b"\n") else data + b"\n"

@@ -94,7 +94,7 @@ class DeviceModel:
             wrong = f"{'.'.join(map(str, first['loc']))}: {first['msg'].lower()}".removeprefix(": ")
             raise InputError(
                 f"{path} is no device.json ({wrong}); xfrustum device --out DIR writes one "
-                "where it is drawn"
+                "on the machine that draws"
             ) from error
 
 

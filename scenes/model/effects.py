@@ -56,9 +56,7 @@ class Decision:
     effect: Effect
     refusal: Refusal | None = None
     objects: tuple[int, ...] = ()  #: numbers of objects that need the effect and may be visible
-    out_of_sight: tuple[
-        int, ...
-    ] = ()  #: numbers of objects that need the effect, but are not visible
+    out_of_sight: tuple[int, ...] = ()  #: numbers of objects that need it, but are not visible
 
     @property
     def used(self) -> bool:
@@ -149,7 +147,7 @@ def chosen(scene: Scene, names: str, question: Question | None = None) -> frozen
     requested = {name.strip() for name in names.split(",")}
     if requested & {"auto", "all"}:
         raise InputError(
-            f"effects are auto, or all, or names between commas, and no mixture: not {names!r}"
+            f"effects are auto, or all, or names separated by commas, not a mixture: not {names!r}"
         )
     for name in sorted(requested - set(Effect)):
         raise InputError(

@@ -332,7 +332,7 @@ class PlateImages(ShortRepr):
     def image(self, channel: Channel) -> NDArray[Any]:
         """Return one of the requested images."""
         image: NDArray[Any] | None = getattr(self, channel)
-        assert image is not None, f"{channel} was not asked for"
+        assert image is not None, f"{channel} was not requested"
         return image
 
 

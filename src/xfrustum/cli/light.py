@@ -89,9 +89,7 @@ class Light(Asked):
         )
         # --samples has no effect without simulated transport.
         if self.samples is not None and not changed.transport.simulated:
-            raise click.UsageError(
-                "--samples are light paths: ask for --shadows or --interreflection too"
-            )
+            raise click.UsageError("--samples are light paths: add --shadows or --interreflection")
         return changed
 
     def chosen(

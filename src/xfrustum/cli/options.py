@@ -539,7 +539,7 @@ class OneOrAuto(Measured):
         return aperture
 
 
-ONE_OR_MANY = "--aperture names one aperture and --apertures asks for many: give one of them"
+ONE_OR_MANY = "--aperture selects one aperture and --apertures several: give one of them"
 
 
 def open_scene(name: str) -> Scene:

@@ -13,7 +13,7 @@ def check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
     """Refuse a tracer for second opinions if an uncertified tracer decides."""
     if decided_by != "certified" and tracer not in (None, decided_by):
         raise click.UsageError(
-            f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} asks for none"
+            f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} uses none"
         )
 
 

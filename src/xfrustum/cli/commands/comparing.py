@@ -73,7 +73,7 @@ class _Report(options.Measured):
     )
     apertures = option(
         options.or_auto(INDICES),
-        "Column,row of each, or auto.  [default: the middle; if recentered, also two corners]",
+        "Columns,rows, or auto.  [default: the middle; if recentered, also two corners]",
     )
     tracer = options.tracer_option
     decided_by = options.decided_by_option

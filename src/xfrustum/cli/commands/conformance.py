@@ -139,7 +139,7 @@ class _Judged(_Chosen):
 class _Run(_Judged):
     command = option(TEXT, "Program to run once for each case, such as 'my-renderer {case} {out}'.")
     images = option(
-        TEXT, "Folder of finished images: DIR/NAME/hogel_{i}x{j}.png or .exr, NAME of the case."
+        TEXT, "Folder of finished images: DIR/NAME/hogel_{i}x{j}.png or .exr; NAME is the case."
     )
     python = option(TEXT, "Python function to call, module:function.")
     timeout_s = option(

@@ -37,7 +37,7 @@ class _Plan(options.Measured):
     )
     apertures = option(
         or_auto(options.COUNT),
-        "Plan for N apertures: middle, corners, then between; auto: the worst.",
+        "Plan for N apertures: middle, corners, then between them; auto: the worst.",
     )
     required = several(
         tolerance_px=option(

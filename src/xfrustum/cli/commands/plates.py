@@ -250,7 +250,7 @@ class _Survey(options.Measured):
     truth_by = options.truth_option
     resolution = option(
         options.RESOLUTION,
-        "Pixels of a hogel; the tolerance counts in them.  [default: the scene's]",
+        "Pixels of a hogel; the unit of the tolerance.  [default: the scene's]",
     )
     images: str | None = option(options.TEXT, "Replaced by verify.", default=None, hidden=True)
     engine = options.engine_options("one per processor or GPU")

@@ -31,7 +31,7 @@ class _Study(options.Measured):
         )
         # Other parts of the job array are not finished yet.
         if files is None:
-            options.note("this part is measured; the last one to be finished writes the study")
+            options.note("this part is measured; the last part to be finished writes the study")
         else:
             self.tell(
                 lambda: own.record(files), lambda: f"{own.sentence(files.rows)}\n{files.document}"
@@ -76,7 +76,7 @@ class _Figure7(options.Asked):
     scene: str = options.argument(default="car-studio")
     aperture = options.aperture_option
     other = option(
-        INDEX, "Aperture of the second perspective of C*.  [default: the one that shows most]"
+        INDEX, "Aperture of the second perspective of C*.  [default: the aperture that shows most]"
     )
     near = option(POSITIVE, "Near offset of both cameras.  [default: 1e-6 of the reach]")
     out = option(FOLDER, "Folder for the page.  [default: figure7/NAME]")

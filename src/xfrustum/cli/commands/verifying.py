@@ -118,7 +118,9 @@ class _Verify(options.Measured):
         ),
         seed=options.seed_option,
         truth_by=options.truth_option,
-        near=option(click.FLOAT, "Near offset of the renderer, if it is intended.  [default: 0]"),
+        near=option(
+            click.FLOAT, "Near offset of the renderer, if the offset is intended.  [default: 0]"
+        ),
         accept=option(
             options.ACCEPTED,
             "Conventions that are not defects, such as orientation,order; or all.",
@@ -228,7 +230,7 @@ def verify(request: _Verify) -> int:
         accepted.accepted_runs(request.baseline["folder"])
     verification = request.verified(opened)
     if verification is None:
-        options.note("this part is judged; the last one to be finished writes the verification")
+        options.note("this part is judged; the last part to be finished writes the verification")
         return 0
     options.warn_of(opened)
     encoding = request.judged["encoding"]
