@@ -116,7 +116,7 @@ class JudgedDrawing(ShortRepr):
     image: HogelImage | None
     causes: (
         tuple[Cause, ...] | None
-    )  #: effect of each link; causes, unexplained, predicted: None if causes are not requested
+    )  #: effect of each link; this and the next two fields are None if causes are not requested
     unexplained: int | None  #: number of wrong pixels that rounding should explain, and does not
     predicted: Prediction | None  #: predicted error in closed form
     times: StageTimes

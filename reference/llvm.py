@@ -140,7 +140,7 @@ class MitsubaBackend:
 
 
 def mitsuba_backend() -> MitsubaBackend:
-    """Return Mitsuba with the best variant of this machine; InputError for an aborting LLVM."""
+    """Return Mitsuba with this machine's best variant; InputError for an LLVM that would abort."""
     llvm = prepare_llvm()
     mitsuba = importlib.import_module("mitsuba")
     version = loaded_llvm()

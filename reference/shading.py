@@ -419,9 +419,9 @@ class Shader:
     ) -> Floats:
         """Return linear RGB of points toward the viewer, (N, 3), or (N, 1) where all is gray.
 
-        Points (N, 3) lie on triangles with numbers (N,); (N, 3) directions d of their lines have
-        any length, from the viewer to the back. `hidden` has for each light the points (N,) in its
-        shadow; none for lights without shadows.
+        `position` (N, 3) are points on triangles (N,). `direction` (N, 3) is d of each point's
+        line, of any length, from the viewer to the back. `hidden` has a mask (N,) of the points in
+        the shadow of each light; it is empty for lights without shadows.
         """
         if self._automatic and self._out_of_sight(position[:, 2]):
             return self._of_everything.radiance(triangle, position, direction, hidden)

@@ -135,7 +135,7 @@ def _best_compositions(
         wrong += [_differing(picture, shown) for picture in made]
         differing += [_differing(picture, made[0]) for picture in made]
     # Step 2: a composition is better if it makes right more than half of the pixels in which it
-    # differs from the correct composition. The renderer's actual composition makes all of them
+    # differs from the correct composition. The renderer's actual composition makes all these pixels
     # right.
     gained = wrong[0] - wrong
     better = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)

@@ -285,14 +285,15 @@ def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mas
 
 
 def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
-    """Return the points (N,) that equal the truth within rounding, most points if near is tiny."""
+    """Return a mask (N,) of the points that equal the truth within rounding."""
     seen = np.zeros(len(points.pixels), dtype=np.bool_)
     if truth.certainty is None:
         return seen
     same = points.triangle == truth.triangle.reshape(-1)[points.pixels]
     same &= (points.triangle >= 0) & (points.triangle < len(scene.faces))
     same &= truth.certainty.reshape(-1)[points.pixels] <= Certainty.EXACT
-    # With a larger near, this test of heights excludes nearly all points, at little cost.
+    # With a tiny near, most points equal the truth. With a larger near, this test of heights
+    # excludes nearly all points, at little cost.
     height = truth.height.reshape(-1)[points.pixels]
     some = np.flatnonzero(
         same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene))

@@ -233,8 +233,8 @@ def hogel_results(
 ) -> Iterator[HogelResult]:
     """Draw hogels, and yield the errors of settings at each, in order; `truths` are known truths.
 
-    Each hogel is also drawn with exact depth: pixels that are right there and wrong with the
-    settings are wrong by depth.
+    Each hogel is also drawn with exact depth. Pixels that are wrong with the settings and right
+    with exact depth are wrong by depth.
     """
     exact = with_exact_depth(settings)
     drawn = tuple(dict.fromkeys((settings, exact)))

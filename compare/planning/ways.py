@@ -155,7 +155,7 @@ class PlateTimes:
 def measure_plate(
     scene: Scene, settings: Sequence[DoubleFrustum], content: PlateContent
 ) -> PlateTimes:
-    """Return the seconds of a plate by directions, and by hogels with each setting, and speeds.
+    """Return the seconds of a plate by directions and by hogels with each setting, and the speeds.
 
     Passes are also timed over two plates of the scene's size, of few hogels and of many: a straight
     line through both times predicts passes over other plates. The time by the first setting

@@ -94,7 +94,7 @@ class DirectionPlate:
         images: tuple[HogelImage, HogelImage],
         pixels: Indices,
     ) -> Causes:
-        """Find the cause of each wrong pixel (N,) of a hogel by the camera of its direction.
+        """Find the cause of each wrong pixel (N,) of a hogel, with the camera of its direction.
 
         `images` are the true and the stored image. The film of a camera is the whole tile that was
         drawn. Only the hogel and its neighbors are compared.

@@ -120,7 +120,7 @@ def meet(corners: Floats, origins: Floats, directions: Floats, ends: Floats) -> 
     slope, offset = dot(normal, d), dot(normal, q[0])
     sides = [dot(d, cross(q[i], q[j])) for i, j in ((0, 1), (1, 2), (2, 0))]
     above, below = (np.logical_or.reduce([(side * sign > 0) for side in sides]) for sign in (1, -1))
-    # For ranges from zero to infinity, the most frequent, signs decide.
+    # For ranges from zero to infinity, which are the most frequent, signs decide.
     plain = (ends[:, 0] == 0) & (ends[:, 1] == np.inf)
     forward = (offset == 0) | ((offset > 0) == (slope > 0))
     met = (slope != 0) & ~(above & below) & (forward | ~plain)

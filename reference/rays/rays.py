@@ -453,7 +453,7 @@ class ExactMesh:
             exponent = batch.exponents[pairs.ray[order[position]]]
             lengths[order[position]] = _nearest(places[chosen], exponent)
         pairs, lengths = pairs[order], lengths[order]
-        # Number places over all rays, then subtract the first number of each ray.
+        # Count places over all rays, then subtract the count at the first hit of each ray.
         number = np.cumsum(begins)
         first = np.searchsorted(pairs.ray, pairs.ray, "left")
         rays = batch[pairs.ray]
