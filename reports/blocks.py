@@ -5,8 +5,8 @@ complete results are renamed. Any process may die at any time; the same command 
 the missing blocks.
 
 Processes of this machine are spawned, never forked: a fork of a process with an OpenGL context
-hangs. They communicate by pipes, so that no port is open. A Dask cluster is started by the user,
-with the user's ports (docs/clusters.md).
+hangs. These processes communicate by pipes, so that no port is open. A Dask cluster is started by
+the user, with the user's ports (docs/clusters.md).
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ THREAD_VARIABLES = ("XFRUSTUM_THREADS", "LP_NUM_THREADS", "OMP_NUM_THREADS", "OP
 of linear algebra."""
 
 DEVICE_VARIABLE, CUDA_VARIABLE = "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES"
-"""Environment variables that choose the devices of a process: EGL's by index, and CUDA's."""
+"""Environment variables with the devices of a process: the index of the EGL device, and the CUDA
+devices."""
 
 #: time limit for the answer of a scheduler, seconds
 CONNECT_S = 10
@@ -171,7 +172,7 @@ class Engine:
     workers: int | None = None
     #: EGL device indices, used in turn; empty for all GPUs
     devices: tuple[int, ...] = ()
-    #: part of the blocks that this command makes
+    #: share of the blocks for this command
     part: Part = field(default_factory=Part)
 
     def __post_init__(self) -> None:
@@ -223,7 +224,7 @@ class Workers(ABC):
     ) -> Iterator[tuple[Item, Answer]]:
         """Yield each item with function(session, item), in any order.
 
-        Raises the exceptions of the function, and WorkerLostError where workers died.
+        Raises the exceptions of the function, and WorkerLostError if workers died.
         """
 
     def ask(self, job: Job, function: Callable[..., Answer], *arguments: Any) -> Answer:
@@ -368,7 +369,7 @@ class _Pool(Workers):
         self._executor: ProcessPoolExecutor | None = None
 
     def end(self) -> None:
-        """End all processes at once; unfinished blocks leave no trace."""
+        """End all processes at once; unfinished blocks leave no files."""
         if self._open is not None:
             self._open.close()
         self._open = self._executor = None
@@ -496,7 +497,7 @@ class _Cluster(Workers):
 
     @property
     def count(self) -> int:  # type: ignore[override]  # it changes
-        """Number of threads that run tasks; each worker process has one."""
+        """Number of threads that run tasks; each worker process has one thread."""
         return sum(self._client.nthreads().values()) or 1
 
     def map(
@@ -527,7 +528,7 @@ class _Cluster(Workers):
                         "its workers died; look at their memory and logs", item
                     ) from error
                 yield item, answer
-        except (CancelledError, CommClosedError) as error:  # the latter during a transfer
+        except (CancelledError, CommClosedError) as error:  # CommClosedError during a transfer
             raise InputError(
                 f"--scheduler {self._address}: is gone; start it again and repeat the command, "
                 "which goes on where it was"

@@ -50,7 +50,7 @@ CHAIN = ("T0", "T1", "T2", "T3", "T4", "T5", "R0", "R1")
 PAGE, DATA = "index.html", "budget.json"
 BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
 FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN if name != "T5"))
-"""Files that are always written, besides `radiance-*.png` for each link of radiance."""
+"""Files that are always written, in addition to `radiance-*.png` for each link of radiance."""
 
 SHOWN, EMPTY = (128, 128, 128, 90), (128, 128, 128, 14)
 """RGBA colors of right pixels with and without a surface, visible on white and on dark paper."""
@@ -238,7 +238,7 @@ def _radiance_file(name: str) -> str:
 
 
 def _counts(link: LinkNumbers) -> bool:
-    """Return whether a link changes anything, or is predicted to."""
+    """Return whether a link changes any pixel, or is predicted to change pixels."""
     return bool(link.surface or link.pixels or link.predicted_surface or link.displacement_rms_px)
 
 
@@ -284,7 +284,7 @@ def with_sentences(numbers: BudgetNumbers) -> BudgetNumbers:
 
 
 def prediction_notes(numbers: BudgetNumbers) -> list[str]:
-    """Return the predictions of a budget that are not valid, with the reasons."""
+    """Return the invalid predictions of a budget, with the reasons."""
     named: dict[str, Reason] = {}
     for link in numbers.links:
         reasons = link.prediction_reasons
@@ -316,7 +316,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     its own folder, named by its aperture. InputError if a folder cannot be written.
     """
     if isinstance(report, AutoBudget):
-        # Each folder is written as a whole; a failure keeps the finished ones.
+        # Each folder is written as a whole; a failure keeps the finished folders.
         every = (write_budget(part, out / folder_of(part.aperture)) for part in report.budgets)
         return tuple(path for paths in every for path in paths)
     geometry, numbers, links = (

@@ -23,7 +23,7 @@ from xfrustum.scenes.model.scene import SceneObject
 from xfrustum.scenes.representation import counted, digits, percent, sides
 
 MOVED_PX = 1.0
-"""Displacement with full color on a map: one pixel."""
+"""Displacement shown in full color on a map: one pixel."""
 
 #: largest number of listed objects of a scene; the others are counted
 MAX_LISTED_OBJECTS = 24

@@ -207,7 +207,7 @@ def _picture(image: HogelImage, reduction: int) -> bytes:
 def _class_numbers(masks: Classes) -> Bytes:
     """Return the number of the class of each pixel, counted from 1; 0 for none."""
     numbers = np.zeros(next(iter(masks.values())).shape, dtype=np.uint8)
-    # The first of overlapping classes is painted last.
+    # The first of overlapping classes is painted last, over the others.
     for number, mask in reversed(list(enumerate(masks.values(), start=1))):
         numbers[mask] = number
     return numbers
@@ -249,7 +249,7 @@ class PlateMap:
     """A value of each hogel of a plate; it is a share if `words` begin with "Share"."""
 
     words: str
-    #: (rows, columns) largest value of each cell; NaN where no hogel is known
+    #: (rows, columns) largest value of each cell; NaN in cells without a value
     cells: Floats
 
     @classmethod

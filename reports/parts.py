@@ -81,10 +81,10 @@ class ParquetParts:
         return self.folder / f"part-{number:07d}.parquet"
 
     def open(self, description: dict[str, Any]) -> None:
-        """Make the folder, or check that it belongs to the same work, safely among processes.
+        """Make the folder or check that it belongs to this work; safe with concurrent processes.
 
-        The description has everything that decides the rows, in JSON's own types. InputError if the
-        folder holds something else.
+        The description has all inputs that determine the rows, in JSON's own types. InputError if
+        the folder has other content.
         """
         path, expected = self.folder / DESCRIPTION, json.loads(json.dumps(description))
         with self._writing():
@@ -164,7 +164,7 @@ class ParquetParts:
 
 
 def scene_description(scene: Scene) -> dict[str, Any]:
-    """Return everything of a scene that decides results, in JSON's types."""
+    """Return the properties of a scene that determine results, in JSON's types."""
     parts = {name: getattr(scene, name) for name in ("plate", "frustum", "sampling", "transport")}
     hashes = {"content": scene.content_hash, "look": look_hash(scene)}
     return json_object({**hashes, **parts, "version": metadata.version("xfrustum")})

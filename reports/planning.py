@@ -177,7 +177,7 @@ class PlanReport(NotebookRepr):
 
     @property
     def sentence(self) -> str:
-        """Answer: settings, whether they hold, the binding limit, and a coarser choice."""
+        """Answer: settings, whether they suffice, the binding limit, and a coarser choice."""
         return self._sentences[0]
 
     @property

@@ -106,7 +106,7 @@ MAX_MAP_CELLS = 120
 MAP_PIXELS = 260
 #: color of the marks of apertures
 MARK = "#D55E00"
-#: color of the labels, which have a white background on any paper
+#: color of the labels; their background is white on light and dark pages
 LABEL = "#1b1f24"
 
 

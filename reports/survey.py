@@ -221,7 +221,7 @@ def render_page(answer: Survey, pictured: Pictured) -> str:
 
 
 def map_figures(answer: Survey) -> list[Plot]:
-    """Draw maps of the measures of the best setting that are not zero everywhere."""
+    """Draw maps of the best setting's measures, except measures that are zero everywhere."""
     stats, plate = answer.stats[answer.best], answer.scene.plate
     figures = []
     for name, values in stats.maps.items():

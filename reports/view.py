@@ -78,7 +78,7 @@ class Source:
 def drawing(
     scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] | None = None
 ) -> Source:
-    """Return hogels drawn on demand, one sample a pixel; by default with the effects it needs.
+    """Return hogels drawn on demand, one sample a pixel; by default with the needed effects.
 
     InputError if the settings make no sense for the scene's frustum.
     """
@@ -214,7 +214,7 @@ class JudgedViews(loss.Views):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneView(NotebookRepr):
-    """Pictures, loss maps and numbers of all eyes; maps of a renderer only if there is one."""
+    """Pictures, loss maps and numbers of all eyes; a renderer's maps only if one is given."""
 
     scene: Scene
     views: tuple[JudgedViews, ...]

@@ -110,7 +110,7 @@ def rate_of(amount: float, seconds: Timing) -> Timing:
 def ratios_of(
     rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]
 ) -> dict[str, float | None]:
-    """Return quotients of median rates as "first/second"; None without either contestant."""
+    """Return quotients of median rates as "first/second"; None if a contestant is missing."""
     return {
         f"{first}/{second}": rates[first].median / rates[second].median
         if first in rates and second in rates
@@ -339,7 +339,7 @@ def benchmark_judge(
 ) -> Record:
     """Measure judged hogels per second on square films; the hogels are spread over each plate.
 
-    Contestants take `repeat` turns after a warm-up. InputError for a scene without triangles, or if
+    Contestants take `repeat` turns after a warm-up. InputError if a scene has no triangles, or
     there is no usable OpenGL.
     """
     films = [[sized(scene, side) for side in resolutions] for scene in scenes]

@@ -47,7 +47,7 @@ class SeenScene:
 
 
 def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
-    """Return cars at geometric distances before (`C_STAR`) or behind the plate (`C`).
+    """Return cars at geometric distances before the plate (`C_STAR`) or behind it (`C`).
 
     Each car fills a quarter of the film. It is scaled about the aperture, so that its picture stays
     the same. The farthest surface lies at `FARTHEST`, the nearest at `FARTHEST` / `ratio`. Raises
@@ -64,7 +64,7 @@ def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
 
 
 def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle: bool) -> SeenScene:
-    """Return `cars` behind the plate, seen from an aperture off the middle or the middle one.
+    """Return `cars` behind the plate, seen from an aperture off the middle or in the middle.
 
     Seen from the middle aperture, the nearest cars lie outside the film.
     """

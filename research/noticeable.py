@@ -35,7 +35,8 @@ USUAL_DISTANCE = 600.0
 SEEN_ARCSEC = 1.0
 
 #: Number of replayed pixels. If one pixel is wrong by depth, the exact bound of Clopper and Pearson
-#: at 95 % is at most `tolerances.MAX_DEPTH_WRONG`, 0.1 %. If none is, 2,995 pixels would suffice.
+#: at 95 % is at most `tolerances.MAX_DEPTH_WRONG`, 0.1 %. If no pixel is wrong, 2,995 pixels would
+#: suffice.
 PIXELS = 4742
 
 
@@ -82,7 +83,7 @@ class Replay:
     replayed_points: int | None = None
     #: share of pixels with wrong surfaces
     replayed_wrong: float | None = None
-    #: share of pixels with wrong surfaces that are right with exact depth
+    #: share of pixels whose surface is wrong, but right with exact depth
     replayed_depth_wrong: float | None = None
     #: number of pixels to which the shares refer
     replayed_pixels: int | None = None
@@ -350,7 +351,7 @@ def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
         if above > 1:
             if math.isinf(above) or below == 0:
                 return low.near
-            # Power laws are lines on log scales: interpolate there.
+            # Power laws are lines on logarithmic scales: interpolate logarithms.
             share = -math.log(below) / math.log(above / below)
             return math.exp((1 - share) * math.log(low.near) + share * math.log(high.near))
     return math.inf

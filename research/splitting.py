@@ -91,7 +91,7 @@ _CROSSING = {Family.THROUGH, Family.RECENTERED_THROUGH}
 class Case:
     """A scene, an image and a depth buffer, before near and slabs are chosen.
 
-    `side` is the camera that sees the content, or `BOTH`. `ratio` is the depth of the scene:
+    `side` is the camera that images the content, or `BOTH`. `ratio` is the depth of the scene:
     farthest over nearest |z| of its surfaces. If a surface runs through the plate, `ratio` is the
     reach over the distance between the aperture and the crossing.
     """
@@ -154,7 +154,7 @@ Rows = Sequence[Row]
 
 
 def part_of(row: Case, kind: type[Kind], **changed: Any) -> Kind:
-    """Return the case or the cell that a row belongs to, with some fields changed."""
+    """Return the case or the cell of a row, with some fields changed."""
     return kind(**{field.name: getattr(row, field.name) for field in fields(kind)} | changed)
 
 
@@ -636,9 +636,9 @@ def agreement(rows: Rows) -> dict[str, float]:
 def helps(rows: Rows) -> list[dict[str, Any]]:
     """Return numbers of cases that each remedy helps in each family, in the order of the rows.
 
-    `cases` are drawn as in the paper; for `one_pair` of them one pair is enough. The other numbers
-    count remaining cases that are served by another depth buffer, by a fit at the screen, by no
-    offset (None if not drawn), and by slabs, with at most `most_slabs` cuts.
+    `cases` are drawn as in the paper; for `one_pair` of these cases one pair is enough. The other
+    numbers count remaining cases that are served by another depth buffer, by a fit at the screen,
+    by no offset (None if not drawn), and by slabs, with at most `most_slabs` cuts.
     """
     results, entries = outcomes(rows), []
 

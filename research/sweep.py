@@ -1,8 +1,8 @@
 """Measurement of a study's cells in blocks, each stored when finished, and study rows as Parquet.
 
 A cell is one question of a study; a block consists of the cells that share the costliest images.
-The rows of a block are one Parquet file. Its name depends on cells and origin. A stopped study
-continues with the blocks whose files are missing.
+The rows of a block are one Parquet file. The name of the file depends on cells and origin. A
+stopped study continues with the blocks whose files are missing.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Origin:
 
     @property
     def decisive(self) -> str:
-        """All that results depend on besides the cells, as text: libraries and OpenGL device."""
+        """All inputs of the results other than the cells, as text: libraries and OpenGL device."""
         opengl = {name: text for name, text in self.devices.items() if name.startswith("OpenGL")}
         return json.dumps([dict(self.versions), opengl], sort_keys=True)
 

@@ -168,7 +168,7 @@ def make_study(
     *,
     progress: bool = False,
 ) -> StudyFiles | None:
-    """Measure the ways, and write document, figure and data.
+    """Measure the ways to draw plates, and write document, figure and data.
 
     A block that is in the folder already, from the same libraries and device, is not measured
     again. Returns None if other parts of a job array are not measured yet.

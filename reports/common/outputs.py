@@ -50,7 +50,7 @@ def json_ready(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    # Dataclasses first: a test for Mapping visits all its subclasses once for each class.
+    # Test for dataclasses first: a test for Mapping visits all its subclasses once for each class.
     named = (is_dataclass(value) and not isinstance(value, type)) or isinstance(value, Mapping)
     return json_object(value) if named else value
 
@@ -92,8 +92,8 @@ class Staging:
         self._aside: disk.TempPath | None = None
 
     def __enter__(self) -> Self:
-        # Create it next to the target, on the same file system, because otherwise renaming would
-        # copy.
+        # Create the folder next to the target, on the same file system, because otherwise renaming
+        # would copy.
         host = self.out
         if not host.exists():
             place = self._place if self.out.is_symlink() else self.out.absolute()
@@ -185,7 +185,7 @@ def check_writable_file(path: Path, option: str = "--out") -> None:
 
 
 def write_output(path: Path, content: bytes, option: str = "--out") -> None:
-    """Write the file that an option names, whole or not at all; InputError if that cannot be."""
+    """Write the file that an option names, whole or not at all; InputError on failure."""
     with refused(f"{option} {path}: cannot write"):
         disk.write_file(path, content)
 

@@ -38,7 +38,7 @@ DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
 LARGEST_HEIGHT_ERROR = 1e-2
 """Upper end of the logarithmic scale on both sides of zero, as a fraction of the longest reach."""
 RADIANCE_RANGE = (1e-4, 1.0)
-"""Ends of the logarithmic scale, linear radiance; the lower one is a fortieth of an 8-bit step."""
+"""Ends of the logarithmic scale, linear radiance; the lower end is a fortieth of an 8-bit step."""
 SURFACE_COLOR = "rgb(224, 49, 49)"
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
 CAUSE_COLORS = {

@@ -1,7 +1,7 @@
 """The only place that fills in templates: HTML pages, SVG, XML with JUnit, and Markdown.
 
 Every HTML page carries a Content-Security-Policy: the browser runs only our own scripts, identified
-by their hashes, even if text of a scene gets into the page, and it loads nothing.
+by their hashes, even if text of a scene gets into the page, and the page loads no other file.
 """
 
 import base64
@@ -46,8 +46,8 @@ def html_page(
     """Return a self-contained page, which works offline; all text of the values is escaped.
 
     In addition to the values, templates can use `policy()`, to be put first in the head;
-    `plotly()`, the element with plotly.js; `script(NAME, ..)`, an element with scripts out of the
-    folder of templates, one after the other; and `data(ID, VALUE)`, an element with JSON that
+    `plotly()`, the element with plotly.js; `script(NAME, ..)`, an element with the joined scripts
+    of these names from the folder of templates; and `data(ID, VALUE)`, an element with JSON that
     scripts can read.
     """
     sources: list[str] = []

@@ -1,8 +1,8 @@
 """Input folders of cases for renderers, and the archive of all cases with truths.
 
 The folder of a case has scene.obj (double precision, in the order of triangle numbers), scene.glb
-for engines, cameras.json and scene.npz as of `camera --for json`, and case.json, which describes
-the required images.
+for engines, cameras.json and scene.npz as written by `camera --for json`, and case.json, which
+describes the required images.
 """
 
 from __future__ import annotations

@@ -288,7 +288,7 @@ def judge_case(case: Case, renderer: CaseRenderer, options: RunOptions) -> Verdi
         verdict = replace(verdict, hogels=len(images), pixels=pixels)
         if pixels.within(case):
             return replace(verdict, verdict=CaseOutcome.PASS)
-        # For empty pictures `verify` would name culling or a scale.
+        # For empty pictures `verify` would name culling or a wrong scale.
         if not any(map(_shows, images.values())):
             text = "nothing is shown, in any hogel"
             return replace(verdict, cause=Failure.NOTHING_SHOWN, words=(text,))

@@ -97,7 +97,7 @@ class Measurement:
     comparison: ComparisonNumbers
     #: links of the error budget with their wrong pixels; empty if left out
     causes: tuple[Cause, ...]
-    #: wrong pixels without an explanation by rounding; None without causes
+    #: number of wrong pixels without an explanation by rounding; None without causes
     unexplained: int | None
     #: error predicted in closed form from the scene alone; None without causes
     predicted: Prediction | None
@@ -191,12 +191,13 @@ class Recommendation:
     window: Window
     #: aperture with the largest share of wrong surfaces; the largest displacement breaks ties
     aperture: Aperture
-    #: aperture with the largest displacement; `aperture` unless another is displaced more
+    #: aperture with the largest displacement; equal to `aperture` unless another aperture is
+    #: displaced more
     displaced_aperture: Aperture
 
 
 def grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Row]]:
-    """Return rows in groups of equal keys, in the order in which the keys come first."""
+    """Return rows in groups of equal keys, in the order of the first row of each group."""
     groups: dict[Hashable, list[Row]] = {}
     for row in rows:
         groups.setdefault(key(row), []).append(row)
@@ -252,7 +253,7 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
             for group in candidates
             if not _is_worse(max(group, key=lambda row: row.wrong_share(kind)), least, kind, tests)
         ]
-    # Below the visible threshold all settings are equal; above it, ties within measurement error.
+    # Below the visible threshold all settings tie; above it, settings within measurement error tie.
     limit = max(min(map(_displaced, candidates)) + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
     return {group[0].settings for group in candidates if _displaced(group) <= limit}
 
@@ -260,11 +261,12 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
 def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     """Return the middle of the widest window of equally good near planes.
 
-    A window is a run of measured near planes of one depth buffer and one camera geometry that all
-    are `equally_good`. If several windows are equally wide, the window with the larger nears is
-    used; if these are equal too, the window of the first geometry and depth buffer. The middle of
-    the window, by ratio, is farthest from nears that displace too much and from nears that are too
-    small for the depth buffer; of two middles the larger near is used.
+    A window is a run of measured near planes of one depth buffer and one camera geometry, all of
+    which are `equally_good`. If several windows are equally wide, the window with the larger nears
+    is used; if these are equal too, the window of the first geometry and depth buffer. The middle
+    of the window, by ratio, is farthest from nears that displace too much and from nears that are
+    too small for the depth buffer; if two nears are equally close to the middle, the larger one is
+    used.
     """
     good, windows = equally_good(rows), []
     settings = dict.fromkeys(row.settings for row in rows)

@@ -175,7 +175,7 @@ class Sweep:
     scene: Scene
     options: ReportOptions
     apertures: tuple[Aperture, ...]
-    #: one for each aperture and setting: all settings of the first aperture first
+    #: a row for each aperture and setting, aperture by aperture
     rows: tuple[Measurement, ...]
     truths: tuple[Truth, ...]
     #: source of the truths; see `reference.alone.DECISIONS`
@@ -229,7 +229,7 @@ def sweep(
     settings: Sequence[DoubleFrustum],
     options: ReportOptions | None = None,
 ) -> Sweep:
-    """Measure every setting at every aperture; both must have at least one element.
+    """Measure every setting at every aperture; there must be at least one of each.
 
     Only numbers and encoded pictures are kept, so memory does not grow with the float images.
     Raises InputError if there is no usable OpenGL or no such tracer.
@@ -363,7 +363,7 @@ def _row(
 
 @dataclass(frozen=True, kw_only=True)
 class EyeError:
-    """Radiance error by the bent eye vector at one near plane: rms over points and channels."""
+    """Radiance error caused by the bent eye vector at one near: rms over points and channels."""
 
     near: float
     #: by closed form, at the truth's surface points
@@ -430,7 +430,7 @@ def measure_light(
 def _eye_errors(
     scene: Scene, aperture: Aperture, nears: Sequence[float], done: Callable[[], object]
 ) -> tuple[EyeError, ...]:
-    """Return the error by the bent eye vector at some nears, with D32F reversed depth."""
+    """Return the error caused by the bent eye vector at some nears, with D32F reversed depth."""
     if not nears:
         return ()
     errors: list[EyeError] = []

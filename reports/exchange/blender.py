@@ -45,7 +45,7 @@ LAYOUTS = {
     "burnett": "Hogel_{j}x{i}",
     "hocking": "hogel_{i:04}_{columns:04}_{up:04}_{rows:04}",
 }
-"""Layouts with one file per hogel, by names of files; `xfrustum convert` makes the others."""
+"""Layouts with one file per hogel, by names of files; `xfrustum convert` makes other layouts."""
 
 FILE_SUFFIXES = (".png", ".exr")
 """Suffixes by which --out names a single file; any other name is a folder."""
@@ -63,7 +63,7 @@ Surfaces beyond the reach are left out afterwards, by their positions.
 """
 
 CENTER_FILTER_PX = 0.01
-"""Width of the pixel filter for one sample, pixels: the smallest of Cycles.
+"""Width of the pixel filter for one sample, pixels: the smallest width that Cycles allows.
 
 The camera moves every sample to the center of its pixel; a wider filter could assign the sample to
 the next pixel.

@@ -104,7 +104,7 @@ def write_triangles(scene: Scene, path: Path) -> None:
         name: getattr(scene.surface, name) for name in ("vertex_normals", "vertex_colors", "uv")
     }
     shading["environment"] = None if environment is None else environment.radiance
-    # Uncompressed, because readers in other languages parse it.
+    # Write it uncompressed, because readers in other languages parse it.
     np.savez(
         path,
         vertices=scene.vertices,
@@ -113,7 +113,7 @@ def write_triangles(scene: Scene, path: Path) -> None:
         # One more entry than objects, so that object i spans entries i to i + 1.
         first_vertex=np.cumsum([0, *(len(part.vertices) for part in objects)]),
         first_triangle=np.cumsum([0, *(len(part.faces) for part in objects)]),
-        # Fixed-width text: object arrays would need pickle to be read.
+        # Store fixed-width text: object arrays would need pickle to be read.
         names=np.array([part.name for part in objects], dtype=np.str_),
         **{name: values for name, values in shading.items() if values is not None},
     )

@@ -106,7 +106,7 @@ def incomplete(files: FileSet, *, stated: bool) -> str | None:
 
 #: layout name of Zarr groups, and suffix of their folders
 ZARR, ZARR_SUFFIX = "zarr", ".zarr"
-#: source of a converted group
+#: name of the attribute with the source of a converted group
 LAYOUT_ATTRIBUTE = "xfrustum:converted"
 NUMBERED = Reading(
     encoding=Encoding.TRIANGLE_ID
@@ -393,7 +393,7 @@ def _target(plate: PlateRows, out: Path, name: str, options: ConversionOptions) 
         aspect=options.aspect,
         tiles=options.tiles,
     )
-    # Refuse fewer tiles than views before the work.
+    # Before the work, refuse fewer tiles than views.
     form.stated(plate.shape)
     return form
 

@@ -430,7 +430,7 @@ def _difference(group: zarr.Group, arrays: PlateArrays, *, exactly: bool) -> str
         return f"its units are {group.attrs.get('units')}, and the scene's {arrays.units}"
     stored: dict[str, Any] = {}
     for name, expects in _expected(arrays, exactly=exactly).items():
-        # Read each array once: an access to a group is a call of Zarr's own thread.
+        # Read each array once: every access to a group calls into Zarr's own thread.
         stored[name] = group.get(name)
         if stored[name] is None:
             return f"has no array {name}"

@@ -128,7 +128,7 @@ class DirectionSource:
 
     #: function that yields images of pixels of a tile, in order
     images: Callable[[PlateTile, Iterable[Pixel]], Iterator[PlateDirection]]
-    #: everything that decides the pixels
+    #: all inputs that determine the pixels
     description: dict[str, Any]
 
     def tiles(
@@ -145,7 +145,7 @@ class DirectionSource:
 def open_directions(
     scene: Scene, depth: DepthFormat | None, content: PlateContent, tile: PlateTile
 ) -> Iterator[DirectionSource]:
-    """Open the rasterizer for a first tile, or without a depth format the reference."""
+    """Open the rasterizer for a first tile; without a depth format open the reference."""
     colored = Channel.COLOR in content.channels
     if depth is None:
         reference = Reference(scene, effects=content.effects)

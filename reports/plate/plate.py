@@ -265,7 +265,7 @@ def described_as(
 
 #: first and last index; None for all
 Span = tuple[int, int] | None
-#: largest number of blocks that limits the number of processes
+#: largest number of blocks that are counted to limit the number of processes
 MOST_WORKERS = 1024
 
 
@@ -286,7 +286,7 @@ class PlateFiles:
     passes: int
     #: number of images that were already stored
     kept: int
-    #: number of tiles or blocks of hogels that were drawn
+    #: number of drawn tiles, or of drawn blocks of hogels
     tiles: int
 
 

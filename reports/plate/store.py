@@ -287,7 +287,7 @@ def plate_size(
     *,
     files: bool = False,
 ) -> PlateSize:
-    """Return the size of hogels of a plate, without finished hogels.
+    """Return the size of the unfinished hogels of a plate.
 
     With `files`, an image of each hogel is also written in a layout of files.
     """
@@ -311,7 +311,7 @@ def _finished(out: Path, apertures: ApertureBlocks | Sequence[Aperture]) -> int:
         for aperture in () if blocks else apertures:
             chosen[aperture.row, aperture.column] = True
         return int(np.count_nonzero(there & chosen))
-    except (InputError, *DAMAGE):  # reported when the plate is opened
+    except (InputError, *DAMAGE):  # opening the plate reports them
         return 0
 
 

@@ -146,7 +146,7 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Floats]
     # Add a border, so that outlines that leave the frame are closed along it.
     rings = []
     for contour in find_contours(np.pad(np.asarray(mask, np.float64), 1), 0.5):
-        # Leave out points within straight runs; their halves are exact.
+        # Leave out points within straight runs; coordinates are halves, so that the test is exact.
         bends = np.pad(np.diff(contour, 2, axis=0).any(axis=1), 1, constant_values=True)
         rings.append((contour[bends][:, ::-1] - 0.5) / FINER)
     return rings

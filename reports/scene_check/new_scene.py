@@ -202,7 +202,7 @@ def new_scene(
 
 @dataclass(frozen=True, kw_only=True)
 class _Display:
-    """Requested plate and viewer distance, scene units; an empty plate is chosen by the mesh."""
+    """Requested plate and viewer distance, scene units; an empty plate means to fit the mesh."""
 
     plate: tuple[float, ...]
     pitch: float | None

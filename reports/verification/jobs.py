@@ -226,7 +226,7 @@ def verify_on(
 
 
 def _blocks(request: Request, size: int) -> list[list[HogelBlock]]:
-    """Return the blocks of each look; a look is decided from its own and earlier blocks."""
+    """Return the blocks of each look; its own and all earlier blocks decide a look."""
     looks, begun = list[list[HogelBlock]](), 0
     for look in range(request.looks):
         looks.append(blocks_of(list(request.apertures_of(look)), size, begun))

@@ -96,7 +96,7 @@ class Request:
     def from_options(
         cls, scene: Scene, source: str | Renderer | None, options: VerifyOptions
     ) -> Self:
-        """Test all options; InputError if one is unusable, or no aperture shows any object."""
+        """Test all options; InputError if any is unusable, or no aperture shows an object."""
         accept = (options.accept,) if isinstance(options.accept, str) else tuple(options.accept)
         if strange := [name for name in accept if name not in ACCEPTABLE]:
             raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")

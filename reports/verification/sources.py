@@ -40,7 +40,8 @@ MAX_NAMES_TRIED = 10_000
 """Largest number of files that are looked up by name before the work starts."""
 
 MAX_LOG_LINES, MAX_LOG_BYTES = 5, 1 << 16
-"""Number of reported last lines of a failed command's standard error, and of bytes read."""
+"""Number of last lines of a failed command's standard error in a report, and bytes read for
+them."""
 
 FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
 """Format of a number after a colon, such as 04d or .3f: at most 99 characters wide."""
@@ -140,7 +141,7 @@ class Files(Source):
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError if none of the files of the apertures exists."""
-        # An eye that sees no hogel has no apertures.
+        # `view` passes no apertures for an eye that sees no hogel.
         if not apertures:
             return
         parsed = string.Formatter().parse(self.pattern)

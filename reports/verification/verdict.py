@@ -73,7 +73,7 @@ class Pictured:
     def from_figures(
         cls, scene: Scene | None, aperture: Aperture, as_found: Figures, corrected: Figures
     ) -> Self:
-        """Draw truth, image and wrong pixels, as delivered and corrected; scene: all channels."""
+        """Draw truth, image and errors, as delivered and corrected; a scene keeps all channels."""
         truth, pictures = _shown(as_found.answer, as_found.image), {}
         # The corrected image is judged by another model, with another truth.
         rest = _shown(corrected.answer, corrected.image)
@@ -172,7 +172,7 @@ class Verification(Verdict, NotebookRepr):
 
     @property
     def judged(self) -> str:
-        """Properties of the images that were judged."""
+        """Judged properties of the images."""
         known = [hogel.as_found for hogel in self.hogels if hogel.as_found is not None]
         colored = any(numbers.radiance is not None for numbers in known)
         return words.judged_words({numbers.by for numbers in known}, colored, self.limits.judging)

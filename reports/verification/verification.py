@@ -47,7 +47,8 @@ SAMPLE_SIDE = 5
 """Columns and rows of diagnosed hogels: 25 hogels distinguish all orders of apertures."""
 
 MAX_SAMPLE_PIXELS, MIN_SAMPLE_HOGELS = 1 << 22, 4
-"""Largest number of pixels of all diagnosed hogels, for memory; smallest number of hogels."""
+"""Largest number of pixels of all diagnosed hogels, which bounds memory; smallest number of
+hogels."""
 
 
 def verify(
