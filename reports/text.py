@@ -343,7 +343,7 @@ def _first(messages: list[str]) -> tuple[str, ...]:
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
-    """Return, with sizes, the reason why no aperture shows an object: its depth or its side."""
+    """Return why no aperture shows an object, with sizes: beyond the reach, or to the side."""
     (toward, back), units, (low, high) = scene.frustum.reach, scene.units, box(part)
     share = share_in_reach(part, scene.frustum)
     if share is None:

@@ -460,7 +460,7 @@ class Statement:
             "device_model": self.device_model,
             "levels": self.levels,
             "counts": self.counts,
-            # Leave pictures, megabytes of base64, to the page.
+            # Only the page has the pictures, which are megabytes of base64.
             "cases": [{k: v for k, v in case.items() if k != "pictures"} for case in cases],
         }
 

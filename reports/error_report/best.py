@@ -467,7 +467,7 @@ def _log_figure(lines: list[Figure], title: str, *, percents: bool = False) -> F
 
 def cause_figure(rows: Rows, reach: float) -> Figure | None:
     """Draw the share of each cause in the wrong surfaces over near; None without wrong surfaces."""
-    # By row number: the wrong surfaces of each cause, which add up to all wrong surfaces.
+    # Wrong surfaces of each cause, by row number; they add up to all wrong surfaces.
     counts = {number: {cause.name: cause.surface for cause in row.causes} for number, row in rows}
     groups = by_depth([item for item in rows if any(counts[item[0]].values())])
     if not groups:
@@ -493,7 +493,7 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
                     "hovertemplate": f"{name}, {_HOVER}<extra></extra>",
                     "name": name,
                     "legendgroup": name,
-                    # One legend entry per cause, from the first panel.
+                    # Only the first panel adds entries to the legend, one per cause.
                     "showlegend": axis == "y",
                     "mode": "lines",
                     "stackgroup": f"panel {axis}",
