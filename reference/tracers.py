@@ -134,7 +134,7 @@ def mitsuba_versions() -> dict[str, str]:
 
 
 class MitsubaTracer:
-    """Acceleration structure of a scene in Mitsuba, robust on Embree; `scale` as in Embree's."""
+    """Acceleration structure of a scene in Mitsuba, in robust mode if Mitsuba uses Embree."""
 
     name = "mitsuba"
 

@@ -69,7 +69,7 @@ NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 
 # Limits of the mean distance, in pixels, by which claims fail. A correct reading has at most
-# `MAX_HELD_MISFIT_PX`, 20 times the distance by which rasterizers snap edges
+# `MAX_HELD_MISFIT_PX`, about 20 times the distance by which rasterizers snap edges
 # (`geometry_fit.SNAP_PX`). A failed reading has at least `MIN_FAILED_MISFIT_PX`. A single claim
 # counts at most the cap. A triangle number that does not exist counts the cap.
 MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0

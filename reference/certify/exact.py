@@ -145,7 +145,7 @@ class ExactPencil:
         return self.cone(triangle)[2] != 0
 
     def aims_past(self, triangle: int) -> bool:
-        """Return whether a triangle is a needle on a line through the center, but not pixel 0's."""
+        """Return whether a triangle is a needle toward the center, but not on pixel 0's line."""
         edges, _, _ = self.cone(triangle)
         if edges != ((0, 0, 0),) * 3:
             return False

@@ -170,7 +170,7 @@ SINGLE_ROUNDOFF = 2.0**-24
 #: start: 3 and 6 by the derivation
 SLAB_ROUNDINGS = 6
 
-#: largest coordinate of a box: the unit cube with roundings
+#: largest coordinate of a box: boxes lie in the unit cube, except for roundings
 CUBE = 1.001
 
 #: Smallest component of a direction used as a divisor. Within the tree, a smaller component moves a
