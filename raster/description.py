@@ -45,8 +45,8 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
     """Return the cameras of some apertures: the JSON object of `camera --for json`.
 
     It has the settings of the scene file and the command line, angles in radians, and the passes of
-    each aperture in drawing order, the farthest from the viewer first. Empty slabs are left out, as
-    in `raster`. Raises InputError for impossible settings.
+    each aperture in drawing order, the pass farthest from the viewer first. Empty slabs are left
+    out, as in `raster`. Raises InputError for impossible settings.
     """
     settings.check_against(scene.frustum)
     slabs, mapping = cameras_in_order(scene, settings), MAPPINGS[settings.mapping]
@@ -58,7 +58,7 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
         )
         rows = drawn.clip_from_scene[(0, 1, 3), :]
         # Clip x, y and w are zero at the position. Adding zero turns a negative zero into a
-        # positive one.
+        # positive zero.
         x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3]) + 0.0
         return {
             "camera": "c" if slab.orthoscopic else "c-star",

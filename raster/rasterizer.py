@@ -285,7 +285,7 @@ class Rasterizer(ContextOwner):
         cameras = tuple(
             (camera.clip_from_scene[[0, 1, 3]].tobytes(), camera.heights) for camera in passes
         )
-        # Compare triangle and camera as one 64-bit number, which is 25 times as fast.
+        # Compare triangle and camera as one 64-bit number: this is 25 times as fast.
         both = identity.view(np.uint64)[..., 0]
         changed = both != 0
         if before := self._shown.pop(cameras, None):

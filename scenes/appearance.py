@@ -28,7 +28,7 @@ MAX_RADIANCE = 1e30
 
 
 def _color(name: str, value: object) -> Color:
-    """Return coefficients as linear RGB; InputError if one lies outside its range."""
+    """Return coefficients as linear RGB; InputError if a coefficient is outside its range."""
     color = reals(value, 3)
     if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
         raise InputError(
@@ -41,8 +41,8 @@ def _color(name: str, value: object) -> Color:
 class Material:
     """A Phong material with added mirror reflection (paper, section 3, figure 3); linear RGB.
 
-    Ambient and diffuse are multiplied by vertex color and texture. Reflectivity, each part 0 to 1,
-    is the share of the environment's radiance that is added. Raises InputError outside the ranges.
+    Ambient and diffuse are multiplied by vertex color and texture. Reflectivity, 0 to 1 for each
+    color, is the added share of the environment's radiance. Raises InputError outside the ranges.
     """
 
     ambient: Color = (0.1, 0.1, 0.1)

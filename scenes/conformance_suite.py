@@ -40,8 +40,9 @@ LEVELS = {
 CLOSE_NEAR = 1e-6
 """Near offset, as a fraction of the reach, of the two cameras in cases with a true frustum.
 
-Points at |z| move by at most W / 2 * n / |z| pixels. With a reversed 32-bit depth buffer, this is
-within the tolerance of edges if no surface is closer to the plate than about ten offsets."""
+Points at |z| move by at most W / 2 * n / |z| pixels. With a reversed 32-bit depth buffer, this
+displacement is within the tolerance of edges if no surface is closer to the plate than about ten
+offsets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +96,8 @@ class Case:
 
         file = FOLDER / "scenes" / f"{self.scene}.toml"
         scene = open_scene(file if file.exists() else self.scene)
-        # Objects are named after the paths of their meshes, which depend on the installation.
+        # Objects are named after the paths of their meshes, and these paths depend on the
+        # installation.
         objects = tuple(replace(part, name=Path(part.name).name) for part in scene.objects)
         resolution = self.resolution or scene.frustum.resolution
         frustum = replace(scene.frustum, resolution=resolution)
@@ -137,5 +139,5 @@ def chosen(levels: Sequence[str] = (), names: Sequence[str] = ()) -> tuple[Case,
 
 
 def suite_digest() -> str:
-    """Return the SHA-256 of the list of cases, which contains the digest of each truth."""
+    """Return the SHA-256 of the list of cases; the list contains the digest of each truth."""
     return hashlib.sha256((FOLDER / "cases.toml").read_bytes()).hexdigest()

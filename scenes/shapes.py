@@ -96,7 +96,7 @@ def has_area(triangles: Floats) -> Mask:
 
 
 def join(*meshes: Mesh) -> Mesh:
-    """Put meshes into one, in order."""
+    """Join meshes into one mesh, in order."""
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [faces + offset for (_, faces), offset in zip(meshes, offsets, strict=False)]
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
@@ -264,7 +264,8 @@ def _mean_normals(vertices: Floats, faces: Indices) -> Floats:
     scale = np.abs(sides).max(axis=(1, 2), keepdims=True)
     after = sides / np.where(scale > 0, scale, 1.0)
     before = -np.roll(after, 1, axis=1)
-    # Normals of the triangles (F, 3, 3), one for each corner, with the angle there as length.
+    # Normals of the triangles (F, 3, 3), one for each corner, with the angle at the corner as
+    # length.
     cross = np.cross(after, before)
     twice_area = np.linalg.norm(cross, axis=2, keepdims=True)
     angle = np.arctan2(twice_area, (after * before).sum(axis=2, keepdims=True))

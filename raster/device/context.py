@@ -24,7 +24,7 @@ from xfrustum.scenes.model.scene import Scene
 
 #: OpenGL 4.5: the first version with clip control, which reversed depth needs for its precision
 REQUIRED_VERSION = 450
-#: OpenGL 3.3: the oldest version of moderngl
+#: OpenGL 3.3: the oldest version that moderngl supports
 OLDEST_VERSION = 330
 
 _HELP = (

@@ -276,7 +276,7 @@ GROUP = 256
 #: number of work groups per dispatch that every device supports
 MAX_GROUPS = 65535
 
-#: Bytes of a point, three float32. Points are read in parts that fit one storage block.
+#: Bytes of a point, three float32. Points are read in parts that fit into one storage block.
 BYTES_PER_POINT = 12
 
 

@@ -83,7 +83,7 @@ def located(
         elif same:
             several[name] = same
     missing -= places.keys() | several.keys()
-    # All channels of a group must be in one layer; otherwise none is used.
+    # All channels of a group must be in one layer; otherwise the group is not used.
     for group, layers in _LAYERS.items():
         if not missing.issuperset(group):
             continue
@@ -150,7 +150,7 @@ _DWA_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
 HALF_ROUNDING, HALF_SUBNORMAL = 2.0**-11, 2.0**-25
 #: relative error; PXR24 keeps 15 of the 23 bits of a fraction
 PXR24_ROUNDING = 2.0**-16
-#: default level, for files without one
+#: default compression level, for files without a level
 DWA_LEVEL = 45.0
 DWA_TABLE_NORM = 53.668
 """Norm of JPEG's luminance table divided by its smallest entry, 10.

@@ -493,7 +493,7 @@ def image_writer(
             yield
         except (OSError, RuntimeError) as error:
             reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-            # OpenEXR names the temporary file, which does not exist afterwards.
+            # OpenEXR's message names the temporary file, which does not exist afterwards.
             reason = reason.replace(str(temporary), path.name)
             raise InputError(f"{path}: cannot write the image ({reason}); {advice}") from error
 

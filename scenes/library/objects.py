@@ -242,7 +242,7 @@ def crossing() -> tuple[SceneObject, ...]:
 
 
 def large_triangles() -> tuple[SceneObject, ...]:
-    """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
+    """Return a wall, a floor and a slope, each one triangle meters wide, and small parts.
 
     Each triangle crosses the plate next to the middle aperture. At most a hundredth of a triangle
     is visible from there: the rest must be clipped.

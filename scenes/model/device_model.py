@@ -23,7 +23,7 @@ Range = tuple[FiniteFloat, FiniteFloat]
 """Lowest and highest difference of a stored value from the exact value, steps of a format."""
 
 Digits = Annotated[int, Field(ge=0, le=24)]
-"""Number of binary digits of a grid; positions are computed in float32, which has 24."""
+"""Number of binary digits of a grid; positions are computed in float32, which has 24 digits."""
 
 LARGEST_FILE = 1 << 20  # largest device.json, bytes; `xfrustum device` writes a few thousand bytes
 

@@ -69,7 +69,7 @@ class Eye:
 
     @property
     def pupil_points(self) -> Floats:
-        """(N, 2) evenly spread points of the pupil from its center, scene units."""
+        """(N, 2) evenly spread points of the pupil, relative to its center, scene units."""
         if self.pupil == 0:
             return np.zeros((1, 2))
         # Equal areas: the radius is the square root of an evenly spread number.

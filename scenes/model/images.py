@@ -289,7 +289,7 @@ class PlateContent:
     color: ColorType = ColorType.FLOAT16  #: type of linear RGB
     ids: bool = False  #: true if the stream has triangle numbers, as with channel `TRIANGLE`
     channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color and `ids`
-    #: None selects the effects that the scene needs, which give the same pictures
+    #: None selects the effects that the scene needs; these effects give the same pictures
     effects: frozenset[Effect] | None = None
 
     def __post_init__(self) -> None:

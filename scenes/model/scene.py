@@ -31,7 +31,7 @@ SMALLEST_COORDINATE = 1e-75
 #: largest slope of a line: beyond it float64 cannot separate neighboring pixels' lines
 STEEPEST = 1e12
 #: Number of triangles processed at once. It bounds the memory of intermediate results, 300 bytes
-#: per triangle, in scenes of many millions.
+#: per triangle, in scenes of many million triangles.
 TRIANGLES_AT_ONCE = 1 << 19
 MAX_LISTED_OBJECTS = 24  #: largest number of objects that a notebook lists; it counts the rest
 _Scalar = TypeVar("_Scalar", bound=np.generic)

@@ -45,7 +45,7 @@ PLATE_ROUNDING = 2.0**-24
 #: margin of aperture indices: coordinates have a dozen roundings of doubles, below 1e-12 of a cell
 INDEX_MARGIN = 1e-6
 
-#: numbers of triangles tested at once, and tested first: most objects show one of the first
+#: numbers of triangles tested at once, and tested first
 CHUNK_TRIANGLES, FIRST_TRIANGLES = 1 << 12, 1 << 6
 
 #: Largest number of triangles after splitting a coarse mesh. Each triangle marks a rectangle of

@@ -11,6 +11,6 @@ MAX_WRONG = 1e-2
 #: largest share of pixels whose wrong surface is charged to depth
 MAX_DEPTH_WRONG = 1e-3
 
-#: Default size of the random sample of hogels: with none beyond the limits, at most one hogel in
-#: twenty is, with a confidence of 95 % (0.95^59 < 0.05).
+#: Default size of the random sample of hogels: if no sampled hogel is beyond the limits, at most
+#: one hogel in twenty of the plate is, with a confidence of 95 % (0.95^59 < 0.05).
 SAMPLED_HOGELS = 59

@@ -283,7 +283,7 @@ MAKING = {
     "a folder is made, and not yet noted": """
         import os, signal, time
         from pathlib import Path
-        from xfrustum.scenes.disk import durable
+        from xfrustum.scenes import disk as durable
         def made(path, mkdir=Path.mkdir, **how):
             mkdir(path, **how)
             os.kill(os.getpid(), signal.SIGTERM)
@@ -294,7 +294,7 @@ MAKING = {
     "a folder is noted, and its block not yet entered": """
         import os, signal, time
         from pathlib import Path
-        from xfrustum.scenes.disk import durable
+        from xfrustum.scenes import disk as durable
         class Made(durable.TempPath):
             def __init__(self):
                 super().__init__(Path("."), folder=True)

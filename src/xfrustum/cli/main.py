@@ -1,8 +1,8 @@
 """The command line as a process: from arguments to an exit status, for all exceptions and signals.
 
 Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143
-ended by a signal; all but the first two print the reason in one line on standard error. Nothing
-heavy is imported before signal handlers are installed.
+ended by a signal; statuses above 1 print the reason in one line on standard error. Nothing heavy is
+imported before signal handlers are installed.
 """
 
 import errno

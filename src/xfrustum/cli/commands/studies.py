@@ -86,7 +86,7 @@ class _Figure7(options.Asked):
 def figure7(request: _Figure7) -> None:
     """Draw C alone, two perspectives of C*, and both cameras (the paper's figure 7); write a page.
 
-    C* is shown as its camera draws it, looking back at the viewer, and as overlaid on C.
+    C* is shown as its camera draws it, looking back at the viewer, and as the overlay on C.
     """
     opened = options.open_scene(request.scene)
     chosen = options.chosen_aperture(opened, request.aperture)
