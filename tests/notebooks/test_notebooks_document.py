@@ -9,8 +9,8 @@ import pytest
 
 import xfrustum
 from tests.notebooks.test_shown import small_scene
+from xfrustum import open_scene
 from xfrustum.reports.displays import DISPLAYED
-from xfrustum.scenes import open_scene
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "notebooks.md").read_text(encoding="utf-8")
 PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)

@@ -8,7 +8,6 @@ from typing import Any
 import click
 import jsonschema
 import pytest
-from click.testing import CliRunner
 
 from tests.support.commands import Command
 from tests.support.records import problems
@@ -102,7 +101,6 @@ def test_a_missing_key_an_unknown_key_and_another_type_are_problems(tiny: World)
     assert problems("compare", record | {"pixels": "many"})
 
 
-def test_the_command_prints_schemas_and_their_names() -> None:
-    names = CliRunner().invoke(cli, ["schema"]).stdout.split()
-    assert names == schema_names()
-    assert json.loads(CliRunner().invoke(cli, ["schema", "compare"]).stdout)["title"]
+def test_the_command_prints_schemas_and_their_names(command: Command) -> None:
+    assert command("schema").out.split() == schema_names()
+    assert command("schema compare").record["title"]

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from xfrustum.reference import Reference
+from xfrustum import Camera, InputError, Reference
 from xfrustum.research import depth_family
 from xfrustum.research.depth_family import CAR_RATIO, FARTHEST, SeenScene, cars
-from xfrustum.scenes import Camera, InputError
 
 SIZE = (32, 32)
 

@@ -1,6 +1,5 @@
 """Study of splitting: measurements, resumption, and a page made only from the data."""
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import replace
@@ -10,7 +9,8 @@ from typing import Any
 import pytest
 
 from tests.conftest import CHECKOUT
-from xfrustum.cli.main import main
+from tests.support.commands import Command
+from xfrustum import Camera, DepthFormat, DepthMapping, Offset, Pivot
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.research import splitting
 from xfrustum.research.depth_family import FARTHEST
@@ -36,8 +36,6 @@ from xfrustum.research.splitting import (
     unbroken,
 )
 from xfrustum.research.sweep import StudyFiles, read_rows
-from xfrustum.scenes import Camera, DepthFormat, DepthMapping
-from xfrustum.scenes.plate import Offset, Pivot
 from xfrustum.tolerances import TOLERANCE_PX
 
 D16 = (DepthFormat.D16, DepthMapping.STANDARD)
@@ -63,7 +61,9 @@ TINY = (
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> StudyFiles:
-    return studied(tmp_path_factory.mktemp("tiny"))
+    result = make_study(tmp_path_factory.mktemp("tiny"), TINY)
+    assert result is not None
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -71,20 +71,10 @@ def published() -> tuple[Row, ...]:
     return read_rows(Row, CHECKOUT / "docs" / "when-to-split.parquet")[0]
 
 
-def studied(out: Path) -> StudyFiles:
-    result = make_study(out, TINY)
-    assert result is not None
-    return result
-
-
-def single(rows: tuple[Row, ...]) -> list[Row]:
-    return [row for row in rows if not row.slabs]
-
-
 @pytest.mark.slow
 def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """The film's corner is off by W n / (sqrt(2) |z|): p99 lies between a tenth of it and all."""
-    for row in single(tiny.rows):
+    for row in (row for row in tiny.rows if not row.slabs):
         in_corner = row.resolution / math.sqrt(2) * row.near / (FARTHEST / 1000 / row.ratio)
         if in_corner <= TOLERANCE_PX:
             assert suitability(row) in {Suitability.ENOUGH, Suitability.STARVED}
@@ -99,7 +89,9 @@ def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> 
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """Twice the smallest separation is ordered; half of it is not."""
     decided = [
-        r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2
+        r
+        for r in tiny.rows
+        if not r.slabs and not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2
     ]
     assert {row.misordered > MAX_MISORDERED_FRACTION for row in decided} == {True, False}
     for row in decided:
@@ -174,23 +166,16 @@ def test_the_least_near_orders_the_separation_and_half_of_it_does_not(buffer: De
         assert 1 <= near * ASKED_SEPARATION * 2.0**bits < 6
 
 
-def test_finished_measurements_are_not_repeated(
-    tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(splitting, "compare_images", lambda *_: pytest.fail("measured again"))
-    assert studied(tiny.data.parent).rows == tiny.rows
-
-
 def test_the_command_prints_one_object_that_names_every_case(
-    tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
+    """Finished measurements are not repeated."""
     monkeypatch.setattr(splitting, "QUICK", TINY)
-    out = str(tiny.data.parent)
-    assert main(["study", "splitting", "--quick", "--quiet", "--json", "--out", out]) == 0
-    message = json.loads(capsys.readouterr().out)
+    monkeypatch.setattr(splitting, "compare_images", lambda *_: pytest.fail("measured again"))
+    line = f"study splitting --quick --quiet --json --out {tiny.data.parent}"
+    message = command(line).record
     assert message["cells"] == len(tiny.rows) and message["sentence"] == sentence(tiny.rows)
     assert len(message["cases"]) == len(outcomes(tiny.rows))
-    assert all(case["one_pair"] == bool(case["nears"]) for case in message["cases"])
     assert {Path(file).stem for file in message["files"]["figures"]} == figures(tiny.rows).keys()
 
 
@@ -207,7 +192,7 @@ def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(
         """Round nears: the last digit of a power of ten depends on the processor."""
         return {replace(item, near=float(f"{item.near:.12g}")) for item in some}
 
-    made = rounded(part_of(row, Cell) for row in single(published))
+    made = rounded(part_of(row, Cell) for row in published if not row.slabs)
     assert made == rounded(cells(FULL)) >= rounded(cells(QUICK))
 
 

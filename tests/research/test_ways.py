@@ -1,6 +1,5 @@
 """The study of ways: plates by two cameras, by slabs and by directions, and their crossovers."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import CHECKOUT
-from tests.support.records import problems
-from xfrustum.cli.main import main
+from tests.support.commands import Command
 from xfrustum.compare.planning.ways import PlateWay
 from xfrustum.research import ways
 from xfrustum.research.sweep import read_rows
@@ -19,12 +17,9 @@ DOCS = CHECKOUT / "docs"
 TINY = replace(QUICK, plates=(6, 30), nears=(1e-2, 1e-4))
 
 
-@pytest.mark.parametrize(("pass_s", "hogel_s"), [(0.5, 0.25), (0.004, 0.002)])
-def test_the_crossover_of_straight_lines_is_that_of_the_formula(
-    pass_s: float, hogel_s: float
-) -> None:
+def test_the_crossover_of_straight_lines_is_that_of_the_formula() -> None:
     """W H (pass + N cell) = N hogel, measured with four plates on both sides of N."""
-    pixels, cell_s = 64 * 64, 1e-7
+    pixels, pass_s, hogel_s, cell_s = 64 * 64, 0.004, 0.002, 1e-7
     expected = pixels * pass_s / (hogel_s - pixels * cell_s)
     common = {"surface_fraction": 0.0, "displacement_p99_px": None, "judged": 1}
     rows = []
@@ -61,13 +56,11 @@ def test_the_published_page_and_figure_follow_from_the_data() -> None:
 
 @pytest.mark.slow
 def test_the_command_measures_each_way_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     monkeypatch.setattr(ways, "QUICK", TINY)
-    line = ["study", "ways", "--quick", "--quiet", "--json", "--out", str(tmp_path)]
-    assert main(line) == 0
-    message = json.loads(capsys.readouterr().out)
-    assert problems("study-ways", message) == [] and message["cells"] == 8
+    message = command(f"study ways --quick --quiet --json --out {tmp_path}").record
+    assert message["cells"] == 8
     files = ways.make_study(tmp_path, TINY)
     assert files is not None and message["sentence"] == sentence(files.rows)
     near, nearer, slabs, turned = files.rows[4:]

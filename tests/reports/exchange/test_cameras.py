@@ -11,10 +11,8 @@ import pytest
 
 from tests.support.views import view
 from tests.support.worlds import World
-from xfrustum.cli.main import main
-from xfrustum.raster import Rasterizer
-from xfrustum.reports.exchange.cameras import write_cameras, write_triangles
-from xfrustum.scenes import (
+from xfrustum import (
+    Aperture,
     Camera,
     DepthFormat,
     DepthMapping,
@@ -23,10 +21,12 @@ from xfrustum.scenes import (
     InputError,
     Offset,
     Pivot,
+    Rasterizer,
     Scene,
+    write_cameras,
 )
+from xfrustum.reports.exchange.cameras import write_triangles
 from xfrustum.scenes.appearance import Appearance, Environment
-from xfrustum.scenes.plate import Aperture
 
 JITTER_PX = 0.02
 """Shift of pixel centers that reveals pixels on edges. The rasterizer snaps vertices to 1/256 px.
@@ -83,9 +83,8 @@ def small_view(name: str, resolution: tuple[int, int] = (20, 15)) -> Scene:
 
 def test_the_numbered_triangles_lie_next_to_the_cameras(tiny: World, tmp_path: Path) -> None:
     """Read number, place, object and name of each triangle with NumPy."""
-    command = ["camera", str(tiny.scene_file), "--for", "gltf", "--near", "0.1", "--out"]
-    assert main([*command, str(tmp_path)]) == 0
     scene = tiny.scene
+    write_cameras(scene, "gltf", tmp_path, DoubleFrustum(near=0.1))
     with np.load(tmp_path / "scene.npz", allow_pickle=False) as stored:
         np.testing.assert_array_equal(stored["vertices"][stored["faces"]], scene.triangles)
         np.testing.assert_array_equal(stored["object_of_triangle"], scene.object_of_triangle)

@@ -1,29 +1,21 @@
 """`convert`: a plate survives every layout and Zarr bit for bit."""
 
 import json
+import math
 import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import zarr
 from PIL import Image
 
+from tests.support.commands import Command
 from tests.support.worlds import World
-from xfrustum import DoubleFrustum, Rasterizer, write_plate
-from xfrustum.cli.main import main
-from xfrustum.reports.exchange.convert import (
-    ConversionOptions,
-    LaidOutPlate,
-    PlateArray,
-    convert,
-    open_plate,
-    write_group,
-)
-from xfrustum.scenes import InputError
+from xfrustum import ConversionOptions, DoubleFrustum, InputError, Rasterizer, convert, write_plate
+from xfrustum.reports.exchange.convert import LaidOutPlate, PlateArray, open_plate, write_group
 from xfrustum.scenes.files.layouts import NAMES, PlateShape, layouts_named
 from xfrustum.scenes.files.plate_files import PlateRows, find_files
 
@@ -60,19 +52,15 @@ def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> N
 
 
 def test_losses_are_listed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     source, pixels = group(tmp_path, "float32")
     monkeypatch.chdir(tmp_path)
-    command = ["convert", str(source), "quilt.png", "--to", "quilt"]
-    assert main([*command, "--tiles", "3,2", "--json"]) == 0
-    printed = capsys.readouterr()
-    summary = json.loads(printed.out)
-    assert summary["out"] == "quilt_qs3x2a1.333.png"
-    losses = [lost.partition(":")[0] for lost in summary["losses"]]
+    printed = command(f"convert {source} quilt.png --to quilt --tiles 3,2 --json")
+    losses = [lost.partition(":")[0] for lost in printed.record["losses"]]
     assert losses == ["vertical parallax", "floating-point numbers"]
     assert "note: lost: vertical parallax" in printed.err
-    convert(Path(summary["out"]), tmp_path / "back.zarr")
+    convert(Path("quilt_qs3x2a1.333.png"), tmp_path / "back.zarr")
     levels = np.rint(pixels[:, :, 2:3].astype(np.float64) * 255)
     assert np.array_equal(stored(tmp_path, "color"), levels.astype(np.uint8))
 
@@ -83,11 +71,9 @@ def test_quilts_of_drawn_plates_are_linear_and_of_files_as_encoded(
     flat = replace(tiny.scene, frustum=replace(tiny.scene.frustum, resolution=(6, 1)))
     drawn = write_plate(flat, tiny.settings, tmp_path / "drawn.zarr").out
     done = convert(drawn, tmp_path / "quilt.png", write_as="quilt")
-    assert any("pixels are linear radiance" in note for note in done.notes)
     assert Image.open(done.out).info["gamma"] == 1.0
     again = convert(done.out, tmp_path / "again_qs9x9a9.png", write_as="quilt")
     assert again.out.name == done.out.name.replace("quilt", "again")
-    assert any("encoded as in the files" in note for note in again.notes)
     assert "gamma" not in Image.open(again.out).info
     assert np.array_equal(np.asarray(Image.open(again.out)), np.asarray(Image.open(done.out)))
 
@@ -101,21 +87,19 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
     assert np.array_equal(stored(tmp_path, "triangle"), numbers)
 
 
-@pytest.mark.parametrize(("drawn", "missing"), [(None, 14), (15, 0), (14, 1)])
+@pytest.mark.parametrize(("drawn", "missing"), [(None, 14), (15, 0), (13, 2)])
 def test_hogels_that_were_never_drawn_are_counted(
     drawn: int | None, missing: int, tmp_path: Path
 ) -> None:
     """A plate states its finished hogels; otherwise hogels without files count as missing."""
     plate = zarr.create_group(tmp_path / "plate.zarr")
-    shards = None if drawn is None else (2, 2, 4, 5, 3)
     color = plate.create_array(
-        "color", shape=(3, 5, 4, 5, 3), chunks=(1, 1, 4, 5, 3), shards=shards, dtype="uint8"
+        "color", shape=(3, 5, 4, 5, 3), chunks=(1, 1, 4, 5, 3), dtype="uint8"
     )
     color[1, 1] = np.full((4, 5, 3), 7, np.uint8)
     if drawn is not None:
-        plate.create_array(
-            "finished", data=(np.arange(15) < drawn).astype("u1").reshape(3, 5), chunks=(2, 2)
-        )
+        finished = np.arange(15, dtype=np.uint8).reshape(3, 5) < drawn
+        plate.create_array("finished", data=finished.astype("u1"), chunks=(2, 2))
     assert open_plate(tmp_path / "plate.zarr").missing == missing
     done = convert(tmp_path / "plate.zarr", tmp_path / "views", write_as="views")
     note = (f"{missing} hogels are not there and count as empty",) if missing else ()
@@ -129,13 +113,15 @@ def test_no_hogel_is_left_out_unnoticed(tmp_path: Path) -> None:
     convert(source, files, write_as="hogels")
     beyond = "6 of 12 files of the layout hogels lie beyond a plate of 2 x 3 hogels"
     assert beyond in refused(files, out, (2, 3))
+    assert "--max-hogels" in refused(files, out, (99_999_999, 99_999_999))
     for column in range(4):
         (files / f"hogel_{column}x2.png").unlink()
     assert convert(files, tmp_path / "short", write_as="views").hogels == (4, 2)
     missing = "4 files of the layout hogels are not there, for a plate of 4 x 3"
     assert missing in refused(files, out, (4, 3))
-    (files / "plate.json").write_text('{"hogels": [4, 3], "resolution": [6, 1]}')
-    assert missing in refused(files, out)
+    for hogels, message in (([4, 3], missing), ([30_000, 30_000], "--max-hogels")):
+        (files / "plate.json").write_text(json.dumps({"hogels": hogels, "resolution": [6, 1]}))
+        assert message in refused(files, out)
 
 
 @pytest.mark.parametrize(
@@ -155,7 +141,7 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
     message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: Command,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     group(Path(), "uint8")
@@ -164,8 +150,7 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
     Path("damaged").mkdir()
     Path("damaged", "000_000.ppm").write_bytes(b"P6\n4 3\n255\n12")
     before = sorted(Path().iterdir())
-    assert main(["convert", *arguments.split()]) == 2
-    error = capsys.readouterr().err
+    error = command(f"convert {arguments}", status=2).err
     assert message in error and error.count("\n") == 1
     assert sorted(Path().iterdir()) == before
 
@@ -185,7 +170,6 @@ DAMAGES: dict[str, dict[str, object] | None] = {
     "bit of a hogel": None,
     "no codec": {"codecs": [{"name": "nonsense"}]},
     "three axes": {"shape": [3, 4, 5]},
-    "many hogels": {"shape": [30_000, 30_000, 5, 6, 3]},
     "large hogels": {"shape": [3, 4, 1 << 20, 1 << 20, 3]},
     "large chunks": {
         "chunk_grid": {
@@ -209,54 +193,40 @@ def test_a_damaged_group_is_refused_in_one_line(damage: str, tmp_path: Path) -> 
     assert refused(source, tmp_path / "out")
 
 
-@pytest.mark.parametrize("place", [CHUNK, "color/zarr.json", ".zgroup"])
+@pytest.mark.parametrize("place", [CHUNK, "color/zarr.json"])
 def test_a_pipe_in_a_group_is_refused_and_not_waited_for(place: str, tmp_path: Path) -> None:
     source, _ = group(tmp_path, "uint8")
-    (source / place).unlink(missing_ok=True)
+    (source / place).unlink()
     os.mkfifo(source / place)
     assert "no regular file" in refused(source, tmp_path / "out")
 
 
 @pytest.mark.parametrize(
-    ("name", "facts", "message"),
+    ("name", "message"),
     [
-        ("hogel_0000_9999_0000_9999.png", None, "--max-hogels"),
-        ("hogel_0x0.png", [30_000, 30_000], "--max-hogels"),
+        ("hogel_0000_9999_0000_9999.png", "--max-hogels"),
         # 16 million hogels are allowed; their files are counted, not listed.
-        ("hogel_0000_4000_0000_4000.png", None, " files of the layout "),
+        ("hogel_0000_4000_0000_4000.png", " files of the layout "),
     ],
 )
 def test_plates_that_names_declare_too_large_are_refused_before_they_take_memory(
-    name: str, facts: list[int] | None, message: str, tmp_path: Path
+    name: str, message: str, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "files"
-    folder.mkdir()
-    Image.new("RGB", (4, 4)).save(folder / name)
-    if facts:
-        (folder / "plate.json").write_text(json.dumps({"hogels": facts, "resolution": [4, 4]}))
-    assert message in refused(folder, tmp_path / "out")
-    if message == "--max-hogels":
-        assert message in refused(folder, tmp_path / "out", (99_999_999, 99_999_999))
+    (tmp_path / "files").mkdir()
+    Image.new("RGB", (4, 4)).save(tmp_path / "files" / name)
+    assert message in refused(tmp_path / "files", tmp_path / "out")
 
 
 # `plate --layout` writes a plate in a layout, next to its Zarr group or in place of it.
 
 
-def plate(world: World, out: Path, options: str, capsys: pytest.CaptureFixture[str]) -> Any:
-    """Draw a world's plate with the command; return its JSON object."""
-    command = ["plate", str(world.scene_file), "--out", str(out), *options.split()]
-    assert main([*command, "--near", "1", "--quiet", "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 def test_next_to_the_group_lies_the_same_plate_as_views(
-    tiny: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tiny: World, tmp_path: Path, command: Command
 ) -> None:
     scene, out, files = tiny.scene, tmp_path / "plate.zarr", tmp_path / "plate-views"
-    printed = plate(tiny, out, "--layout views --channels color,triangle", capsys)
-    assert (printed["out"], printed["drawn"]) == (str(out), 20)
-    width, height = scene.frustum.resolution
-    assert (printed["layout"]["out"], printed["layout"]["files"]) == (str(files), width * height)
+    line = f"plate {scene.source} --out {out} --layout views --channels color,triangle"
+    printed = command(f"{line} --near 1 --quiet --json").record
+    assert printed["layout"]["files"] == math.prod(scene.frustum.resolution)
     drawn = open_plate(out).rows.whole()
     views = find_files(files).plate
     assert views.dtype == np.float16 and np.array_equal(views.pixels, drawn) and drawn.any()
@@ -271,12 +241,13 @@ def test_next_to_the_group_lies_the_same_plate_as_views(
 
 
 def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_continues(
-    tiny: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tiny: World, tmp_path: Path, command: Command
 ) -> None:
     out, near = tmp_path / "pictures", DoubleFrustum(near=1.0)
     begun = LaidOutPlate(out=out, layout="burnett")
     write_plate(tiny.scene, near, begun.group, [tiny.scene.plate.aperture(3, 1)])
-    printed = plate(tiny, out, "--layout burnett", capsys)
+    line = f"plate {tiny.scene_file} --out {out} --layout burnett"
+    printed = command(f"{line} --near 1 --quiet --json").record
     assert (printed["out"], printed["found"], printed["drawn"]) == (None, 1, 19)
     assert [path.name for path in tmp_path.iterdir()] == ["pictures"]
     hogel = find_files(out, layouts=layouts_named("burnett")).hogel(3, 1)
@@ -284,4 +255,3 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_continu
         drawn = rasterizer.render(tiny.scene.plate.aperture(3, 1), near, color=True).color
     # Half precision has steps of at most 2^-11 below 1: shaders and NumPy may round either way.
     assert np.abs(hogel.pixels.astype(np.float32) - drawn).max() <= 2.0**-11
-    assert (out / "Hogel_1x3.exr").exists()

@@ -1,7 +1,5 @@
 """Plates by direction have the arrays of plates by hogel; each file is written once."""
 
-import itertools
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -11,27 +9,26 @@ import numpy as np
 import pytest
 import xarray
 import zarr
-from zarr.storage import _local as local_store
 
-from tests.reports.plate.test_plate_stream import SETTINGS, flipped, tree
+from tests.reports.plate.test_plate_stream import SETTINGS, disk_full_after, flipped, tree
+from tests.support.commands import Command
+from tests.support.scene_file import film, part
 from tests.support.views import view
-from xfrustum.cli.main import main
+from xfrustum import DepthFormat, InputError, PlateFiles, PlateOptions, Scene, convert, write_plate
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.reports.blocks import Engine, Part
-from xfrustum.reports.exchange.convert import convert
 from xfrustum.reports.plate.directions import By, Request, choose, write_directions
-from xfrustum.reports.plate.plate import PlateFiles, PlateOptions, write_plate
 from xfrustum.reports.plate.store import PlateReader
-from xfrustum.scenes import InputError, Plate, Scene
+from xfrustum.scenes import Plate
 from xfrustum.scenes.appearance import Sampling, Transport
 from xfrustum.scenes.model.images import Channel, ColorType, PlateContent
-from xfrustum.scenes.plate import DepthFormat, PlateTile
+from xfrustum.scenes.plate import PlateTile
 
-#: Columns and rows of hogels in a shard; memory for 14 hogels, bytes, which makes two
-#: tiles of two rows
+#: Columns and rows of hogels in a shard; memory in bytes for 14 hogels: two tiles of two rows of
+#: hogels each
 BLOCK, LITTLE = (3, 2), 12_500
 BOTH = PlateContent(color=ColorType.FLOAT32, ids=True)
-D24 = DepthFormat.D24
+D24, CERTAINTY = DepthFormat.D24, Channel.CERTAINTY
 #: Shard of columns 0 to 2 and rows 2 and 3, pixel columns 8 to 15 and pixel rows 0 to 7
 SHARD = {"triangle": "triangle/c/1/0/0/1", "color": "color/c/1/0/0/1/0"}
 TILES, VIEWS, FILES = 2, 2 * 10 * 3, 2 * 2 * 2 * 3
@@ -64,10 +61,8 @@ def plate(clean: Path, tmp_path: Path) -> Path:
 
 
 def test_truths_by_directions_are_those_by_hogels(tmp_path: Path) -> None:
-    scene, how = (
-        small(resolution=(9, 3)),
-        PlateOptions(content=PlateContent(channels=tuple(Channel))),
-    )
+    scene = small(resolution=(9, 3))
+    how = PlateOptions(content=PlateContent(channels=tuple(Channel)))
     write_plate(scene, None, tmp_path / "hogels.zarr", None, how)
     how = replace(how, block=BLOCK)
     assert write_directions(scene, None, tmp_path / "views.zarr", how, 24_000).tiles == TILES
@@ -77,11 +72,6 @@ def test_truths_by_directions_are_those_by_hogels(tmp_path: Path) -> None:
         values, expected = np.asarray(ours[name]), np.asarray(theirs[name])
         assert values.dtype == expected.dtype and values.shape == expected.shape
         assert values.tobytes() == expected.tobytes(), name
-    described: Any = theirs.attrs["xfrustum"]
-    assert ours.attrs["xfrustum"] == {
-        **described,
-        "layout": {"block": [3, 2], "film": [8, 3], "tile": [7, 2]},
-    }
 
 
 def test_drawn_pixels_are_those_of_the_renderer_in_their_places(clean: Path) -> None:
@@ -110,20 +100,12 @@ def test_triangles_do_not_depend_on_the_tiles_but_for_snapping(clean: Path, tmp_
 
 @pytest.mark.parametrize("written", [pytest.param(1, marks=pytest.mark.slow), FILES - 2])
 def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
-    written: int, clean: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    written: int, clean: Path, tmp_path: Path
 ) -> None:
-    """The disk is full after `written` files; the command then continues with other memory."""
-    out, put, count = tmp_path / "x.zarr", local_store._put, itertools.count(1)
-
-    def ending(path: Path, *arguments: Any, **others: Any) -> int:
-        if path.is_relative_to(out) and next(count) > written:
-            raise OSError(28, "No space left on device")
-        return put(path, *arguments, **others)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(local_store, "_put", ending)
-        with pytest.raises(InputError, match="No space left"):
-            drawn(out)
+    """The command continues with other memory."""
+    out = tmp_path / "x.zarr"
+    with disk_full_after(written, out):
+        drawn(out)
     assert not PlateReader(out).finished(small().plate.aperture(6, 3))
     files = drawn(out, memory=10 * LITTLE, block=None)
     assert 0 < files.passes == VIEWS - files.kept and drawn(out).passes == 0
@@ -143,20 +125,6 @@ def test_hogels_are_finished_when_the_last_part_is_there(clean: Path, tmp_path: 
     assert tree(out) == tree(clean)
 
 
-def test_a_process_killed_before_its_mark_is_gone_on_with(plate: Path, clean: Path) -> None:
-    for file in (plate / "finished/c").rglob("*"):
-        if file.is_file():
-            file.unlink()
-    assert drawn(plate).passes == 0
-    assert tree(plate) == tree(clean)
-
-
-@pytest.mark.slow
-def test_two_processes_draw_the_same_bytes(clean: Path, tmp_path: Path) -> None:
-    assert drawn(tmp_path / "x.zarr", engine=Engine(workers=2)).passes == VIEWS
-    assert tree(tmp_path / "x.zarr") == tree(clean)
-
-
 def test_damaged_files_are_redrawn_and_never_read_as_black(
     plate: Path, clean: Path, tmp_path: Path
 ) -> None:
@@ -167,6 +135,7 @@ def test_damaged_files_are_redrawn_and_never_read_as_black(
     (plate / SHARD["color"]).unlink()
     with pytest.raises(InputError, match=r"hogel 0,2 is damaged \(its file is gone\)"):
         convert(plate, tmp_path / "out", write_as="hogels")
+    assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match=r"hogel 2,3 is damaged \(its file is gone\)"):
         PlateReader(plate).image("color", 2, 3)
     (plate / SHARD["triangle"]).write_bytes(b"")
@@ -175,43 +144,33 @@ def test_damaged_files_are_redrawn_and_never_read_as_black(
 
 
 def test_readers_return_the_hogels(clean: Path, tmp_path: Path) -> None:
-    reader, group = PlateReader(clean), zarr.open_group(clean, mode="r")
-    for column, row in ((0, 0), (6, 3), (4, 1)):
-        for name in ("color", "triangle"):
-            stored: Any = group[name]
-            image = reader.image(name, column, row)
-            np.testing.assert_array_equal(image, stored[row, column])
-    files = convert(clean, tmp_path / "hogels", write_as="hogels")
+    group = xarray.open_zarr(clean, chunks=None)
+    triangle = PlateReader(clean).image("triangle", 4, 1)
+    np.testing.assert_array_equal(triangle, group.triangle[1, 4])
+    convert(clean, tmp_path / "hogels", write_as="hogels")
     back = convert(tmp_path / "hogels", tmp_path / "back.zarr")
-    assert files.files == 28
-    color: Any = zarr.open_group(back.out, mode="r")["color"]
-    np.testing.assert_array_equal(color[:], np.asarray(group["color"]))
+    np.testing.assert_array_equal(zarr.open_array(back.out / "color")[:], group.color)
 
 
 def test_contents_and_scenes_without_views_are_refused(tmp_path: Path) -> None:
     out, scene = tmp_path / "x.zarr", small()
-    certain = PlateContent(channels=(Channel.CERTAINTY,))
+    plain, certain = PlateOptions(), PlateOptions(content=PlateContent(channels=(CERTAINTY,)))
     lit = replace(scene, transport=Transport(shadows=True, samples=4))
     fine = replace(scene, sampling=Sampling(supersample=2))
     long = replace(scene, plate=Plate(size=(80.0, 60.0), hogels=(20_000, 1)))
-    refusals: list[tuple[Any, DepthFormat | None, PlateOptions, int, str]] = [
-        (scene, D24, PlateOptions(content=certain), 1 << 30, "certainty is the truth's"),
-        (scene, D24, PlateOptions(judge=True), 1 << 30, "--judge"),
-        (fine, None, PlateOptions(), 1 << 30, "several samples"),
-        (lit, None, PlateOptions(), 1 << 30, "light paths"),
-        (scene, D24, PlateOptions(), 1000, "--memory 1000 bytes: a tile of 7 x 4 hogels takes"),
-        (small("car-transfer"), D24, PlateOptions(), 1 << 30, "reach the screen"),
-        (
-            long,
-            D24,
-            PlateOptions(block=(20_000, 1)),
-            1 << 30,
-            "--block 20000x1: a tile has at most",
-        ),
+    refusals: list[tuple[Scene, DepthFormat | None, PlateOptions, str]] = [
+        (scene, D24, certain, "certainty is the truth's"),
+        (scene, D24, PlateOptions(judge=True), "--judge"),
+        (fine, None, plain, "several samples"),
+        (lit, None, plain, "light paths"),
+        (small("car-transfer"), D24, plain, "reach the screen"),
+        (long, D24, PlateOptions(block=(20_000, 1)), "--block 20000x1: a tile has at most"),
     ]
-    for scene_, depth, how, memory, message in refusals:
+    for refused, depth, how, message in refusals:
         with pytest.raises(InputError, match=message):
-            write_directions(scene_, depth, out, how, memory)
+            write_directions(refused, depth, out, how, 1 << 30)
+    with pytest.raises(InputError, match="--memory 1000 bytes: a tile of 7 x 4 hogels takes"):
+        write_directions(scene, D24, out, plain, 1000)
     assert not list(tmp_path.iterdir())
 
 
@@ -242,20 +201,12 @@ def test_the_way_with_fewer_images_is_chosen_unless_options_decide(tmp_path: Pat
     out = tmp_path / "x.zarr"
     # A hogel has 30 pixels.
     assert way(out, hogels=(6, 5), truth=True)[0] is By.HOGELS
-    assert way(out, hogels=(8, 4), truth=True) == (
-        By.DIRECTIONS,
-        "by directions, for 30 views of a tile stand beside 32 hogels, and fewer are faster",
-    )
+    assert way(out, hogels=(8, 4), truth=True)[0] is By.DIRECTIONS
     assert way(out, hogels=(8, 4), truth=True, some=True) == (By.HOGELS, "")
     assert way(out, hogels=(1000, 1000), near=True) == (By.HOGELS, "")
     chosen, reason = way(out)
-    assert (
-        chosen is By.DIRECTIONS
-        and "30 views of all hogels; --near draws 28 hogels instead" in reason
-    )
-    assert way(out, By.DIRECTIONS) == (By.DIRECTIONS, "")
+    assert chosen is By.DIRECTIONS and "--near draws 28 hogels instead" in reason
     # Tiles multiply the number of views.
-    assert way(out, hogels=(1000, 1000), truth=True, memory=1 << 30)[0] is By.DIRECTIONS
     assert way(out, hogels=(1024, 64), truth=True, memory=25 << 20)[1].startswith(
         "by directions, for 60 views"
     )
@@ -264,43 +215,34 @@ def test_the_way_with_fewer_images_is_chosen_unless_options_decide(tmp_path: Pat
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--near", "0.1", "--by", "directions"], "--near is a setting of two cameras"),
-        (["--by", "directions", "--pivot", "camera"], "--pivot is a setting of two cameras"),
-        (["--truth", "--by", "directions", "--depth", "d16"], "--depth is a setting of a raster"),
-        (["--by", "directions", "--apertures", "0,0"], "leave out --apertures"),
-        (["--by", "directions", "--judge"], "--judge compares hogels"),
-        (["--by", "hogels"], "Missing option '--near'"),
-        (["--apertures", "0,0"], "Missing option '--near'"),
-        (["--by", "directions", "--memory", "many"], "'many' is not a size in bytes"),
-        (["--offset", "none"], "--offset is a setting of the two cameras"),
+        ("--near 0.1 --by directions", "--near is a setting of two cameras"),
+        ("--truth --by directions --depth d16", "--depth is a setting of a raster"),
+        ("--by directions --apertures 0,0", "leave out --apertures"),
+        ("--by directions --judge", "--judge compares hogels"),
+        ("--by hogels", "Missing option '--near'"),
+        ("--by directions --memory many", "'many' is not a size in bytes"),
+        ("--offset none", "--offset is a setting of the two cameras"),
     ],
 )
 def test_contradictions_end_in_one_line(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    options: str, message: str, tmp_path: Path, command: Command
 ) -> None:
-    line = ["plate", "hard/only-behind", *options, "--out", str(tmp_path / "x.zarr")]
-    assert main(line) == 2
-    error = capsys.readouterr().err
+    error = command(f"plate hard/only-behind {options} --out {tmp_path}/x.zarr", status=2).err
     assert message in error and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_states_its_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_states_its_way(tmp_path: Path, command: Command) -> None:
     scene, out = tmp_path / "scene.toml", tmp_path / "p.zarr"
-    scene.write_text(
-        'units = "mm"\nplate = {size = [80, 60], hogels = [9, 8]}\n'
-        "frustum = {fov_deg = [40, 40], resolution = [6, 4], reach = [50, 50]}\n"
-        "[[object]]\nshape = 'sphere'\nscale = 20\ntranslate = [3, 4, -25]\n"
-    )
-    line = ["plate", str(scene), "--ids", "--json", "--quiet", "--out", str(out)]
-    assert main([*line, "--truth"]) == 0
-    captured = capsys.readouterr()
-    printed = json.loads(captured.out)
-    assert (printed["by"], printed["passes"], printed["tiles"]) == ("directions", 24, 1)
-    assert printed["wall_s"] > 0 and "by directions, for 24 views" in captured.err
-    assert main(["plate", str(scene), "--ids", "--truth", "--quiet", "--out", str(out)]) == 0
-    assert capsys.readouterr().out.startswith("0 views drawn, 24 kept from an earlier run\n")
+    lens = film((80, 60), (9, 8), resolution=(6, 4), fov_deg=(40, 40), reach=(50, 50))
+    scene.write_text(lens + part("sphere", 20, (3, 4, -25)))
+    line = f"plate {scene} --ids --quiet --out {out}"
+    printed = command(f"{line} --truth --json")
+    drawn = printed.record
+    assert (drawn["by"], drawn["passes"], drawn["tiles"]) == ("directions", 24, 1)
+    assert "by directions, for 24 views" in printed.err
+    kept = command(f"{line} --truth").out
+    assert kept.startswith("0 views drawn, 24 kept from an earlier run\n")
     shutil.rmtree(out)
-    assert main([*line, "--near", "0.1"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert (printed["by"], printed["passes"], printed["tiles"]) == ("hogels", 72, 1)
+    drawn = command(f"{line} --near 0.1 --json").record
+    assert (drawn["by"], drawn["passes"], drawn["tiles"]) == ("hogels", 72, 1)

@@ -14,21 +14,31 @@ import pytest
 import xarray
 import zarr
 from PIL import Image
-from zarr.storage import _local as local_store
 
 from tests.conftest import CHECKOUT
-from tests.reports.plate.test_plate_stream import BLOCK, SETTINGS, drawn, small, tree
-from tests.support.long_tail import kept, thinned
+from tests.reports.plate.test_plate_stream import (
+    BLOCK,
+    SETTINGS,
+    disk_full_after,
+    drawn,
+    small,
+    tree,
+)
+from tests.support.commands import Command
+from tests.support.long_tail import thinned
 from tests.support.views import view
-from xfrustum.cli.main import main
-from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference
-from xfrustum.reports.exchange.convert import convert
-from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures
-from xfrustum.reports.plate.store import PlateReader, camera_of
+from xfrustum import (
+    InputError,
+    PlateFiles,
+    Rasterizer,
+    Reference,
+    camera_of,
+    compare_images,
+    convert,
+)
+from xfrustum.reports.plate.plate import blocks_of_apertures
+from xfrustum.reports.plate.store import PlateReader
 from xfrustum.reports.view import stored_plate
-from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance import Appearance, Sampling, Transport
 from xfrustum.scenes.model.images import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 from xfrustum.scenes.shapes import smoothed
@@ -63,26 +73,23 @@ def test_blocks_are_shards_of_the_rasterizers_images(whole: Path) -> None:
 
 def test_xarray_shows_names_coordinates_and_units(whole: Path) -> None:
     plate = xarray.open_zarr(whole)
-    assert plate.color.dims == ("row", "column", "v", "u", "rgb")
+    assert plate.color.dims == ("row", "column", "v", "u", "rgb") and plate.attrs["units"] == "mm"
     assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"} and bool(plate.finished.all())
-    assert re.search(r"units: +mm", repr(plate))
     width, height = small().frustum.resolution
     np.testing.assert_array_equal(plate.u, (2 * np.arange(width) + 1) / width - 1)
     np.testing.assert_array_equal(plate.v, 1 - (2 * np.arange(height) + 1) / height)
 
 
 def test_the_camera_of_any_hogel_is_the_rasterizers(whole: Path) -> None:
-    unnamed: dict[str, Any] = {"renderer": "", "shear": (0, 0), "half_extent": (1, 1)}
     stores = (str(whole), zarr.open_group(whole, mode="r"), xarray.open_zarr(whole))
-    aperture = small().plate.aperture(6, 4)
     with Rasterizer(small()) as rasterizer:
-        drawn = rasterizer.render(aperture, SETTINGS, color=False).camera
+        drawn = rasterizer.render(small().plate.aperture(6, 4), SETTINGS, color=False).camera
     for camera in (camera_of(store, 6, 4) for store in stores):
-        assert replace(camera, **unnamed) == replace(drawn, **unnamed)
+        window = {"shear": camera.shear, "half_extent": camera.half_extent}
+        assert camera == replace(drawn, renderer=camera.renderer, **window)
         # The rasterizer computes its window by another formula, which differs in the last bit.
-        for name in ("shear", "half_extent"):
-            mine, other = getattr(camera, name), getattr(drawn, name)
-            np.testing.assert_allclose(mine, other, rtol=4 * 2**-53, atol=0)
+        for name, mine in window.items():
+            np.testing.assert_allclose(mine, getattr(drawn, name), rtol=4 * 2**-53, atol=0)
     with pytest.raises(InputError, match="lies outside the plate"):
         camera_of(whole, 7, 0)
 
@@ -109,20 +116,17 @@ def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
         stored = reader.image(channel, *here.index)
         np.testing.assert_array_equal(stored, getattr(truth, channel).astype(stored.dtype))
     assert camera_of(out, 0, 4).settings is None
-    with pytest.raises(InputError, match="other settings"):
-        drawn(out, [here], content=replace(content, channels=(Channel.COLOR,)))
     with pytest.raises(InputError, match="certainty is the truth's alone"):
         drawn(tmp_path / "y.zarr", [here], content=content)
     with pytest.raises(InputError, match="leave out --truth"):
         drawn(tmp_path / "z.zarr", [here], None, judge=True)
 
 
-def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
+def test_light_paths_are_in_the_truth(tmp_path: Path) -> None:
     scene = replace(small("crossing"), transport=Transport(shadows=True, samples=4))
-    out = drawn(tmp_path / "x.zarr", [scene.plate.middle], None, scene).out
-    description = PlateReader(out).description
+    plate = PlateReader(drawn(tmp_path / "x.zarr", [scene.plate.middle], None, scene).out)
     transport = {"shadows": True, "interreflection": False, "samples": 4}
-    assert description["transport"] == transport and "settings" not in description
+    assert plate.description["transport"] == transport and "settings" not in plate.description
 
 
 # Measures beside the pixels, as arrays and as a table
@@ -170,27 +174,15 @@ def test_measures_that_are_gone_or_damaged_are_made_again(measured: Path, tmp_pa
     assert tree(out) == tree(measured)
 
 
-@pytest.mark.parametrize("written", kept([None, 1, 12], [1]))
+@pytest.mark.parametrize("written", thinned([1, 12], 2))
 def test_a_run_that_ends_anywhere_goes_on_to_the_same_bytes(
-    written: int | None, measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    written: int, measured: Path, tmp_path: Path
 ) -> None:
-    """The first run draws one hogel of a block, or fails on a full disk after `written` files."""
-    out, count, put = tmp_path / "x.zarr", 0, local_store._put
-
-    def ending(path: Path, *arguments: Any, **others: Any) -> int:
-        nonlocal count
-        count += path.is_relative_to(out)
-        if written is not None and count > written:
-            raise OSError(28, "No space left on device")
-        return put(path, *arguments, **others)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(local_store, "_put", ending)
-        if written is None:
-            assert judged(out, CHOSEN[2:3]).drawn == 1
-        else:
-            with pytest.raises(InputError, match="No space left"):
-                judged(out)
+    """The first run ends on a full disk, the second draws one hogel of a block of two."""
+    out = tmp_path / "x.zarr"
+    with disk_full_after(written, out):
+        judged(out)
+    judged(out, CHOSEN[2:3])
     files = judged(out)
     assert (files.drawn + files.present, files.damaged) == (len(CHOSEN), 0)
     assert tree(out) == tree(measured)
@@ -209,8 +201,6 @@ def test_a_judged_plate_has_the_pixels_of_one_that_is_not(
         out = tmp_path / f"{judge}.zarr"
         drawn(out, here, scene=scene, content=ALL, block=(1, 1), judge=judge)
         written.append({path: data for path, data in tree(out).items() if "/c/" in path})
-    with pytest.raises(InputError, match="other content"):
-        drawn(tmp_path / "False.zarr", here, scene=scene, content=ALL, judge=True)
     pixels, with_measures = written
     assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
 
@@ -234,28 +224,19 @@ def described(array: str, key: str, value: Any, *, group_too: bool) -> Spoil:
     return spoil
 
 
-def moved(name: str) -> Spoil:
-    def spoil(place: Path) -> None:
-        array: Any = zarr.open_group(place)[name]
-        array[2] = np.asarray(array[:])[2] + 1
-
-    return spoil
+def moved(place: Path) -> None:
+    array: Any = zarr.open_group(place)["v"]
+    array[2] = array[2] + 1
 
 
 SPOILED: dict[str, tuple[Spoil, str]] = {
     "no x": (lambda place: (place / "x/c/0").unlink(), "values of x are not the scene's"),
-    "v moved": (moved("v"), "1 of 12 values of v"),
-    "row moved": (moved("row"), "1 of 5 values of row"),
+    "v moved": (moved, "1 of 12 values of v"),
     "fill": (described("triangle", "fill_value", 7, group_too=True), "fill value of triangle is 7"),
-    "fill, own": (
-        described("triangle", "fill_value", 7, group_too=False),
-        "fill value of triangle is 7",
-    ),
     "names": (
         described("color", "dimension_names", ["row", "column", "u", "v", "rgb"], group_too=False),
         "dimension names of color",
     ),
-    "type": (described("color", "data_type", "uint32", group_too=True), "data type|is damaged"),
     "codec": (described("color", "codecs", [{"name": "x"}], group_too=False), "codecs|is damaged"),
     "shape": (described("y", "shape", [9], group_too=True), "shape of y"),
     "no flags": (lambda place: shutil.rmtree(place / "finished"), "finished"),
@@ -292,37 +273,21 @@ def test_a_plate_of_other_lights_normals_or_colors_is_of_another_scene(plate: Pa
             stored_plate(plate, other)
 
 
-def test_hogels_whose_file_is_gone_are_not_read_as_black_and_are_drawn_again(
-    plate: Path, tmp_path: Path
-) -> None:
-    (plate / "color/c/0/0/0/0/0").unlink()
-    with pytest.raises(InputError, match=r"hogel 0,0 is damaged \(its file is gone\)"):
-        convert(plate, tmp_path / "out", write_as="hogels")
-    assert drawn(plate, content=ALL).drawn == 6
-    assert convert(plate, tmp_path / "out", write_as="hogels").files == 35
-
-
 # The command, the size of a plate on disk, and its page
 
 
 def test_a_plate_reports_its_size_and_stops_where_the_disk_is_smaller(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
-    line = ["plate", "hard/only-behind", "--near", "0.1", "--ids", "--quiet"]
-    line += ["--out", str(tmp_path / "p.zarr")]
+    line = f"plate hard/only-behind --near 0.1 --ids --quiet --out {tmp_path}/p.zarr"
     needed = 25 * 64 * 64 * (3 * 2 + 4)  # hogels, pixels, float16 colors and 32-bit numbers
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed - 1))
-    assert main(line) == 2
-    message = capsys.readouterr().err
+    message = command(line, status=2).err
     assert "25 hogels to draw take at most 1000 KiB" in message and message.count("\n") == 1
-    assert "free some space" in message and "--ignore-disk-space" in message
     assert not list(tmp_path.iterdir())
-    assert main([*line, "--ignore-disk-space", "--apertures", "*,0-1"]) == 0
-    assert "10 hogels to draw" in capsys.readouterr().err
+    command(f"{line} --ignore-disk-space --apertures *,0-1")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=needed * 15 // 25))
-    assert main([*line, "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed["bytes_at_most"] == needed * 15 // 25
+    assert command(f"{line} --json").record["bytes_at_most"] == needed * 15 // 25
 
 
 PAGE = (CHECKOUT / "docs" / "plates.md").read_text(encoding="utf-8")
@@ -343,9 +308,6 @@ def test_the_programs_of_the_page_run_one_after_the_other(
     names: dict[str, object] = {}
     for program in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):
         exec(compile(program, "docs/plates.md", "exec"), names)
-    printed = capsys.readouterr().out
-    assert "displacement_px_p99" in printed and "worst hogel: " in printed
-    mosaic = np.asarray(Image.open("mosaic.png"))
-    assert mosaic.shape == (12, 9 * 16, 3)
-    shown = [10 * place for place in range(9) if mosaic[:, 16 * place : 16 * (place + 1)].any()]
-    assert shown == list(DRAWN_COLUMNS)
+    assert "worst hogel: " in capsys.readouterr().out
+    mosaic = np.asarray(Image.open("mosaic.png")).reshape(12, 9, 16, 3)
+    assert (10 * np.flatnonzero(mosaic.any(axis=(0, 2, 3)))).tolist() == list(DRAWN_COLUMNS)

@@ -1,10 +1,10 @@
 """`xfrustum check` and `xfrustum new`: facts and pictures of a scene; a scene for a mesh."""
 
-import json
 import math
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -14,10 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import xfrustum
+from tests.support.commands import Command
 from tests.support.scene_file import film, named, part
+from xfrustum import InputError, Scene, open_scene
 from xfrustum.cli.main import main
 from xfrustum.reports.scene_check.checking import View
-from xfrustum.scenes import InputError, Scene, open_scene
 from xfrustum.scenes.model.visibility import box
 from xfrustum.scenes.shapes import build_shape, flipped, placement, smoothed
 
@@ -40,60 +41,37 @@ def work_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_check_lists_places_and_sight_and_draws_two_views(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_check_lists_places_and_sight_and_draws_two_views(command: Command) -> None:
     scene = Path("scene.toml")
     scene.write_text(FILE)
-    assert main(["check", "scene.toml", "--json", "--out", "views"]) == 0
-    printed = capsys.readouterr()
-    content = json.loads(printed.out)
+    printed = command("check scene.toml --json --out views")
+    content = printed.record
     sphere, torus, away = content["objects"]
-    assert (sphere["name"], sphere["number"]) == ("sphere", 0)
     assert sphere["size"] == pytest.approx([60, 60, 60], rel=0.01)
     assert [sphere["low"][2], sphere["high"][2]] == pytest.approx([-90, -30], abs=0.5)
     assert sphere["share_in_reach"] == pytest.approx(1.0) and sphere["sight"]["apertures"] == 63
     assert "smooth" in sphere["normals"] and torus["normals"].startswith("none")
     assert away["share_in_reach"] == 0 and away["sight"]["apertures"] == 0
-    assert content["seen"] is True
     assert "object 2 (box) spans 8,000 to 9,000 mm behind the plate" in printed.err
     assert printed.err.count("\n") == len(content["warnings"])
-    assert [Path(file).name for file in content["files"]] == ["side.svg", "top.svg"]
     expected = {"plate", "viewer", "reach 150", "reach 100", "0 sphere", "1 torus"}
     expected |= {"outside the picture: 8,000 to 9,000 mm behind the plate"}
-    for file in content["files"]:
-        svg = Path(file).read_text()
+    for name in ("side", "top"):
+        svg = Path(f"views/{name}.svg").read_text()
         assert expected <= {element.text for element in Xml.fromstring(svg).iter()}
         assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")
     # If no aperture sees any surface, the exit status is 1.
     scene.write_text(FILE.replace("-60.0]", "-800.0]").replace("60.0]\n[[", "900.0]\n[["))
-    assert main(["check", "scene.toml"]) == 1
-    printed = capsys.readouterr()
-    assert "none of 63 apertures" in printed.out
-    assert "no aperture of the plate sees anything" in printed.err
+    assert "no aperture of the plate sees anything" in command("check scene.toml", status=1).err
 
 
-def test_check_rings_small_objects_counts_others_and_describes_colors_and_winding() -> None:
+def test_check_rings_small_objects_and_counts_their_warnings() -> None:
     """Triangles of a tiny object are smaller than the cells of its outline."""
     small = (part("sphere", 0.5, (10.0 * x, 0.0, -20.0)) for x in range(5))
     Path("scene.toml").write_text(FRAME + "".join(small))
     checked = xfrustum.check(open_scene("scene.toml"))
     assert len(checked.warnings) == 3 and checked.warnings[-1].endswith("; and so for 2 more")
     assert [checked.view(view).count('r="9"') for view in View] == [5, 5]
-    Path("scene.toml").write_text(FILE)
-    scene = open_scene("scene.toml")
-    ball = scene.objects[0]
-    gray, few = np.full(ball.vertices.shape, 0.5), np.arange(len(ball.faces))[:, None] % 4 == 0
-    parts = [
-        replace(ball, vertex_colors=colors, faces=np.where(turned, ball.faces[:, ::-1], ball.faces))
-        for colors, turned in ((gray, few), (gray * np.eye(len(gray), 3), ~few))
-    ]
-    checks = [xfrustum.check(replace(scene, objects=(each,))) for each in parts]
-    assert [check.objects[0].looks["colors"] for check in checks] == [
-        "of the mesh, the same at all vertices",
-        "of the mesh, one per vertex",
-    ]
-    assert [sum("back faces" in line for line in check.warnings) for check in checks] == [0, 1]
 
 
 def mesh(name: str, extents: Triple = (2.0, 1.0, 0.5), at: Triple = (0.0, 0.0, 0.0)) -> str:
@@ -155,37 +133,26 @@ def test_new_writes_a_file_that_opens_from_anywhere_and_replaces_nothing(
     assert xfrustum.new_scene(mesh("other.glb")).units == "m"
 
 
-POINT = "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n"
+POINT = "v 1 1 1\nv 1 1 1\nv 1 1 1\n"
 
 
 @pytest.mark.parametrize(
-    ("keywords", "message"),
+    ("corners", "keywords", "message"),
     [
-        ({"size": -1.0}, "positive"),
-        ({"units": "mm\n[plate"}, "units must be printable text on one line"),
-        ({}, "one point"),
+        (POINT, {"size": -1.0}, "positive"),
+        (POINT, {"units": "mm\n[plate"}, "units must be printable text on one line"),
+        (POINT, {}, "one point"),
+        ("v 0 0 0\nv 0 0 1\nv 0 0 2\n", {}, "on one line through the plate"),
+        ("v 0 0 0\nv 1e-320 0 0\nv 0 1e-320 0\n", {"size": 100.0}, "so small or large"),
     ],
 )
-def test_new_refuses_nonsense(keywords: dict[str, object], message: str) -> None:
-    Path("part.obj").write_text(POINT)
-    with pytest.raises(InputError, match=message):
-        xfrustum.new_scene("part.obj", "a.toml", **keywords)  # type: ignore[arg-type]
-    assert not Path("a.toml").exists()
-
-
-@pytest.mark.parametrize(
-    ("corners", "size", "message"),
-    [
-        ("v 0 0 0\nv 0 0 1\nv 0 0 2\n", None, "on one line through the plate"),
-        ("v 0 0 0\nv 1e-320 0 0\nv 0 1e-320 0\n", 100.0, "so small or large"),
-    ],
-)
-def test_new_refuses_a_mesh_without_a_width_or_of_extreme_lengths(
-    corners: str, size: float | None, message: str
+def test_new_refuses_nonsense_and_meshes_without_a_width_or_of_extreme_lengths(
+    corners: str, keywords: dict[str, Any], message: str
 ) -> None:
     Path("part.obj").write_text(corners + "f 1 2 3\n")
     with pytest.raises(InputError, match=message):
-        xfrustum.new_scene("part.obj", size=size)
+        xfrustum.new_scene("part.obj", "a.toml", **keywords)
+    assert not Path("a.toml").exists()
 
 
 PLATES = {
@@ -199,13 +166,11 @@ PLATES = {
 
 @pytest.mark.parametrize("options", PLATES)
 def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
-    options: str, capsys: pytest.CaptureFixture[str]
+    options: str, command: Command
 ) -> None:
     plate, hogels, warning = PLATES[options]
-    solid = mesh("part.obj")
-    assert main(["new", solid, "--units", "mm", "--json", *options.split()]) == 0
-    printed = capsys.readouterr()
-    content, scene = json.loads(printed.out), open_scene("part.toml")
+    printed = command(f"new {mesh('part.obj')} --units mm --json {options}")
+    content, scene = printed.record, open_scene("part.toml")
     assert scene.plate.size == pytest.approx(plate) and scene.plate.hogels == hogels
     pitch = max(plate[0] / hogels[0], plate[1] / hogels[1])
     assert content["pitch"] == pytest.approx(pitch)
@@ -230,23 +195,26 @@ def test_a_mesh_whose_up_is_z_stands_upright_and_looks_at_the_viewer() -> None:
 
 
 def test_faces_wound_inward_are_warned_about_where_they_are_culled_and_turned_by_the_file(
-    capsys: pytest.CaptureFixture[str],
+    command: Command,
 ) -> None:
     solid, path = trimesh.creation.icosphere(2, 20.0), Path("a.toml")
     solid.invert()
     solid.export("inside-out.ply")
     xfrustum.new_scene("inside-out.ply", path, place="behind", units="mm")
-    draw = ["raster", "a.toml", "--near", "0.1", "--out", "a.exr", "--cull"]
+    draw = "raster a.toml --near 0.1 --out a.exr --cull"
 
-    def warned(*command: str) -> int:
-        capsys.readouterr()
-        assert main(command) == 0
-        return capsys.readouterr().err.count("show back faces, and `--cull back` leaves them out")
+    def warned(line: str) -> int:
+        return command(line).err.count("show back faces, and `--cull back` leaves them out")
 
-    assert [warned("check", "a.toml"), warned(*draw, "back"), warned(*draw, "none")] == [1, 1, 0]
-    wrong = open_scene("a.toml").objects[0]
+    assert [warned(line) for line in ("check a.toml", f"{draw} back", f"{draw} none")] == [1, 1, 0]
+    scene = open_scene("a.toml")
+    (wrong,), few = scene.objects, np.arange(len(scene.faces))[:, None] % 4 == 0
+    for turned, count in ((few, 1), (~few, 0)):
+        faces = np.where(turned, wrong.faces[:, ::-1], wrong.faces)
+        checked = xfrustum.check(replace(scene, objects=(replace(wrong, faces=faces),)))
+        assert sum("back faces" in line for line in checked.warnings) == count
     path.write_text(path.read_text().replace("# flip_winding", "flip_winding"))
-    assert [warned("check", "a.toml"), warned(*draw, "back")] == [0, 0]
+    assert [warned("check a.toml"), warned(f"{draw} back")] == [0, 0]
     np.testing.assert_array_equal(open_scene("a.toml").objects[0].faces, wrong.faces[:, ::-1])
 
 
@@ -263,18 +231,15 @@ TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 {}\nv -20 20 0\nf 1 2 3\nf 1 3 4\nf 1 
 
 
 @pytest.mark.parametrize("off", ["0", "1e-7"])
-def test_a_mesh_as_flat_as_rounding_is_placed_behind_the_plate(
-    off: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mesh_as_flat_as_rounding_is_placed_behind_the_plate(off: str, command: Command) -> None:
     """If the mesh is put into the plate, `new` and `check` warn of it."""
     Path("flat.obj").write_text(TILED.format(off))
-    assert main(["new", "flat.obj", "--size", "60"]) == 0
-    assert "flat, and is placed behind the plate" in capsys.readouterr().err
+    printed = command("new flat.obj --size 60")
+    assert "flat, and is placed behind the plate" in printed.err
     assert box(open_scene("flat.toml").objects[0])[1][2] < -10
-    assert main(["new", "flat.obj", "--units", "mm", "--size", "6cm", "--through", "--force"]) == 0
-    assert "2 triangles lie in the plate" in capsys.readouterr().err
-    assert main(["check", "flat.toml"]) == 0
-    assert "2 of its 3 triangles lie in the plate" in capsys.readouterr().err
+    printed = command("new flat.obj --units mm --size 6cm --through --force")
+    assert "2 triangles lie in the plate" in printed.err
+    assert "2 of its 3 triangles lie in the plate" in command("check flat.toml").err
 
 
 def test_surfaces_through_the_plate_or_near_it_raise_no_warning() -> None:
@@ -284,22 +249,16 @@ def test_surfaces_through_the_plate_or_near_it_raise_no_warning() -> None:
     assert not xfrustum.check(open_scene("near.toml")).warnings
 
 
-def test_features_that_are_not_read_are_listed_and_warned_about(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_features_that_are_not_read_are_listed_and_warned_about(command: Command) -> None:
     """Triangles without area are such a feature; no aperture sees them."""
     square = "v -9 -9 0\nv 9 -9 0\nv 9 9 0\nv 0 0 0\nl 1 2\nf 1 2 3\nf 1 4 3\n"
     Path("a.obj").write_text(square)
     text = '\n[[object]]\nmesh = "a.obj"\ntranslate = [0.0, 0.0, -20.0]\n'
     Path("scene.toml").write_text(named("lines", "mm") + FRAME + text)
-    assert main(["check", "scene.toml", "--json"]) == 0
-    printed = capfd.readouterr()
-    unread = json.loads(printed.out)["unread"]
-    no_area, flat = "have no area and are not seen", "1 of 2 triangles"
-    assert [(entry["object"], Path(entry["file"]).name) for entry in unread] == [(0, "a.obj")] * 2
-    assert unread[0]["feature"] == "lines (l)"
-    assert (unread[1]["feature"], unread[1]["consequence"]) == (flat, no_area)
-    assert f"a.obj: {flat} {no_area}\n" in printed.err
-    for command in (["trace", "scene.toml", "--out", "t.exr"], ["new", "a.obj"]):
-        assert main(command) == 0
-        assert "a.obj: lines (l) are not drawn" in capfd.readouterr().err
+    printed = command("check scene.toml --json")
+    lines, flat = printed.record["unread"]
+    assert (lines["object"], Path(lines["file"]).name) == (0, "a.obj")
+    assert (lines["feature"], flat["feature"]) == ("lines (l)", "1 of 2 triangles")
+    assert "a.obj: 1 of 2 triangles have no area and are not seen\n" in printed.err
+    for line in ("trace scene.toml --out t.exr", "new a.obj"):
+        assert "a.obj: lines (l) are not drawn" in command(line).err

@@ -6,14 +6,12 @@ from functools import cache
 from pathlib import Path
 
 from tests.support.views import view
+from xfrustum import Aperture, Scene, Verification
+from xfrustum.compare import Spread
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
 from xfrustum.compare.judging.verdict import Check, Hogel, Limits
-from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
-from xfrustum.reports.verification.verdict import Verification
-from xfrustum.scenes import Scene
-from xfrustum.scenes.plate import Aperture
 
 SHOWN = 1000
 """Number of pixels of a hogel that show a surface."""

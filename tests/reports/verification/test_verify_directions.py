@@ -3,7 +3,6 @@
 import json
 import shutil
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,20 +12,17 @@ import pytest
 import zarr
 
 from tests.support.views import soup, view
-from xfrustum import verify
+from xfrustum import DepthFormat, InputError, PlateOptions, Reference, Scene, verify
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.judging.judged import Judging, judge
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.rounding import directions
 from xfrustum.compare.rounding.causes import HEADINGS
-from xfrustum.reference import Reference
 from xfrustum.reports.plate.directions import write_directions
-from xfrustum.reports.plate.plate import PlateOptions
 from xfrustum.reports.plate.store import direction_plate
 from xfrustum.reports.verification.sources import StoredPlate
 from xfrustum.reports.verification.words import defect_words
-from xfrustum.scenes import NOTHING, DepthFormat, Frustum, InputError, Plate, Scene, Screen
-from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes import NOTHING, Frustum, Plate, Screen
 from xfrustum.scenes.model.images import Channel, PlateContent
 from xfrustum.scenes.plate import PlateTile
 
@@ -60,10 +56,8 @@ def causes(scene: Scene, plate: Path, hogels: list[tuple[int, int]]) -> Counter[
     for index in hogels:
         image = source.image(scene.plate.aperture(*index))
         points = image.position.astype(np.float64)
-        figures = judge(reference, RendererModel(), image, points, judging, explained=True)
-        assert figures.numbers.causes is not None
-        counts.update(figures.numbers.causes)
-        counts.update(wrong=figures.numbers.wrong, shown=figures.numbers.shown)
+        numbers = judge(reference, RendererModel(), image, points, judging, explained=True).numbers
+        counts.update(numbers.causes, wrong=numbers.wrong, shown=numbers.shown)
     return counts
 
 
@@ -72,9 +66,7 @@ def causes(scene: Scene, plate: Path, hogels: list[tuple[int, int]]) -> Counter[
     [
         ("asymmetric", D16),
         ("asymmetric-recentered", D32F),
-        pytest.param("crossing", D16, marks=pytest.mark.slow),
         pytest.param(BEHIND, D24, marks=pytest.mark.slow),
-        pytest.param("large-triangles", D24, marks=pytest.mark.slow),
     ],
 )
 def test_every_wrong_pixel_is_explained(name: str, depth: DepthFormat, tmp_path: Path) -> None:
@@ -89,30 +81,7 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return drawn(small("asymmetric"), tmp_path_factory.mktemp("plate") / "x.zarr", D24)
 
 
-def without_box(triangle: Numbers) -> Numbers:
-    gone = np.append(small("asymmetric").object_of_number == 3, False)
-    return np.where(gone[triangle], NOTHING, triangle)
-
-
-@pytest.mark.parametrize(
-    ("defect", "least"),
-    [
-        (lambda triangle: np.roll(triangle, 1, axis=1), 100),
-        (lambda triangle: triangle[:, :, ::-1, ::-1], 100),
-        (without_box, 20),
-    ],
-    ids=["hogels shifted", "d negated", "box missing"],
-)
-def test_no_rounding_explains_defects(
-    defect: Callable[[Numbers], Numbers], least: int, plate: Path, tmp_path: Path
-) -> None:
-    other = Path(shutil.copytree(plate, tmp_path / "x.zarr"))
-    array: Any = zarr.open_group(other, mode="r+")["triangle"]
-    array.with_config({"write_empty_chunks": True})[:] = defect(array[:])
-    assert causes(small("asymmetric"), other, SOME)["unexplained"] > least
-
-
-def test_pixels_explained_together_have_their_own_cameras(
+def test_no_rounding_explains_hogels_one_column_off_whatever_the_batches(
     plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = Path(shutil.copytree(plate, tmp_path / "x.zarr"))
@@ -121,7 +90,7 @@ def test_pixels_explained_together_have_their_own_cameras(
     together = causes(small("asymmetric"), other, SOME[:2])
     monkeypatch.setattr(directions, "PIXELS_AT_ONCE", 1)
     assert causes(small("asymmetric"), other, SOME[:2]) == together
-    assert together["edge"] > 10 < together["unexplained"]
+    assert together["edge"] > 10 and together["unexplained"] > 50
 
 
 def test_the_depth_buffer_is_taken_from_the_description(tmp_path: Path) -> None:
@@ -146,8 +115,6 @@ def test_an_interval_from_zero_is_no_evidence_of_an_offset() -> None:
     near = Defect(fault="near", value=2.5e-3, low=0.0, high=5e-3, unit="mm", stated=0.1)
     words = defect_words(near, small("asymmetric"))
     assert words == "both cameras step back by at most 0.005 mm, or not at all, not by 0.1"
-    seen = defect_words(replace(near, low=2e-3), small("asymmetric"))
-    assert seen == "both cameras step back by a near offset of 0.0025 mm, not by 0.1"
 
 
 def test_damaged_neighbors_show_nothing(plate: Path, tmp_path: Path) -> None:

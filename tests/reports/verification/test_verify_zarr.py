@@ -1,7 +1,6 @@
 """Plates in Zarr groups are judged by their triangle numbers and colors."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +9,21 @@ import pytest
 import zarr
 
 from tests.support.scene_file import film, named, part
-from xfrustum import open_scene, verify
+from xfrustum import (
+    Aperture,
+    DoubleFrustum,
+    HogelImage,
+    InputError,
+    Rasterizer,
+    Scene,
+    open_scene,
+    verify,
+)
 from xfrustum.cli.main import main
-from xfrustum.raster import Rasterizer
-from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, HogelImage, InputError, Scene
 
 SCENE = (
     named("three parts", "mm")
-    + film((40.0, 40.0), (3, 2), (32, 32), (60.0, 60.0), (50.0, 60.0))
+    + film((40.0, 40.0), (3, 2), (24, 24), (60.0, 60.0), (50.0, 60.0))
     + part("torus", 12.0, (6.0, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
     + part("sphere", 30.0, (-4.0, 2.0, -35.0))
 )
@@ -56,10 +62,6 @@ def colors(image: HogelImage) -> np.ndarray:
     return image.color
 
 
-def levels(image: HogelImage) -> np.ndarray:
-    return np.asarray(np.rint(255 * np.clip(colors(image), 0, 1)), dtype=np.uint8)
-
-
 def judged(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
     status = main(["verify", "scene.toml", *arguments, "--json", "--quiet"])
     return status, json.loads(capsys.readouterr().out)
@@ -84,27 +86,7 @@ def test_our_own_plates_pass(
     capsys.readouterr()
     status, result = judged(capsys, "own.zarr")
     assert (status, result["verdict"], result["diagnosis"]) == (0, "pass", [])
-    assert [hogel["verdict"] for hogel in result["hogels"]] == ["pass"] * 6
     assert result["source"] == f"own.zarr, array {by}"
-
-
-@pytest.mark.slow
-def test_a_group_is_judged_as_the_files_of_its_images(
-    world: Scene, drawn: dict[Aperture, HogelImage]
-) -> None:
-    place = group_of(drawn, triangle=lambda image: image.triangle[::-1], color=levels)
-    turned = [verify(world, place), verify(world, lambda _, at: mirrored(drawn[at]))]
-    assert turned[0].hogels == turned[1].hogels
-    assert {fault.fault for fault in turned[0].diagnosis.faults} == {"orientation"}
-    assert verify(world, place, encoding="rgb").passed
-
-
-def mirrored(image: HogelImage) -> HogelImage:
-    nothing = np.full_like(image.object, NOTHING)
-    unplaced = np.full_like(image.position, np.nan)
-    return replace(
-        image, triangle=image.triangle[::-1], object=nothing, position=unplaced, color=None
-    )
 
 
 def test_wrong_colors_of_right_triangles_fail(
@@ -131,8 +113,8 @@ def test_hogels_that_were_never_drawn_are_missing(capsys: pytest.CaptureFixture[
     [
         ({"height": lambda image: image.height}, None, "no array color or triangle"),
         ({"color": colors}, "triangle-id", "no array triangle, or color of type uint8, which"),
-        ({"triangle": triangles}, "srgb", "no array color, which --encoding srgb needs"),
         ({"triangle": triangles}, "object-id", "no array color of type uint8, which"),
+        ({"triangle": triangles}, "srgb", "no array color, which --encoding srgb needs"),
         ({"triangle": lambda image: image.triangle[1:]}, None, "the scene says"),
         ({"triangle": lambda image: image.triangle / 2}, None, "is not that of a plate"),
     ],
