@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from functools import cache
@@ -36,6 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
     count = EXAMPLES_EVERY_TIME if "not slow" in config.option.markexpr else EXAMPLES
     settings.register_profile("xfrustum", derandomize=True, deadline=None, max_examples=count)
     settings.load_profile("xfrustum")
+    gc.disable()  # until all modules are loaded: they are no garbage
 
 
 @pytest.fixture(scope="session")
@@ -121,3 +123,9 @@ def pytest_runtest_setup() -> None:
     """Limit threads as soon as a test has loaded Dr.Jit: most test runs never load it."""
     if "drjit" in sys.modules:
         on_one_thread(sys.modules["drjit"])
+
+
+def pytest_collection_finish() -> None:
+    """Exempt loaded modules from garbage collection: each search of them costs CPU time."""
+    gc.enable()
+    gc.freeze()

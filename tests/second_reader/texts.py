@@ -107,8 +107,10 @@ def read_off(path: Path) -> Reading:
     return reading
 
 
+_NUMBERS = rb"([\d.+-]\S*)\s+([\d.+-]\S*)\s+([\d.+-]\S*)\s+"
+_VERTEX = rb"vertex\s+" + _NUMBERS
 _FACET = (
-    b"facet normal # # # outer loop vertex # # # vertex # # # vertex # # # endloop endfacet".split()
+    rb"facet\s+normal\s+" + _NUMBERS + rb"outer\s+loop\s+" + 3 * _VERTEX + rb"endloop\s+endfacet\s+"
 )
 
 
@@ -121,29 +123,10 @@ def read_stl(path: Path) -> Reading:
             corners = struct.unpack_from("<9f", data, place + 12)
             reading.polygons.append(np.array(corners).reshape(3, 3))
         return reading
-    if data.lstrip()[:5].lower() != b"solid" or b"\0" in data:
-        raise Refused(f"{len(data)} bytes are neither text nor as long as the header states")
-    words = []
-    for line in plain_lines(data):
-        line_words = [
-            word if re.match(rb"[\d.+-]", word) else word.lower() for word in line.split()
-        ]
-        words += (
-            line_words[:1] if line_words[:1] in ([b"solid"], [b"endsolid"]) else line_words
-        )  # names are arbitrary
-    place = 0
-    while place < len(words):
-        if words[place] != b"solid":
-            raise Refused(f"{words[place]!r} where solid must be")
-        place += 1
-        while words[place : place + 1] != [b"endsolid"]:
-            facet = words[place : place + len(_FACET)]
-            if len(facet) < len(_FACET):
-                raise Refused("the file is cut off")
-            if any(a != b for a, b in zip(facet, _FACET, strict=True) if b != b"#"):
-                raise Refused(f"no facet: {facet}")
-            numbers = [number(a) for a, b in zip(facet, _FACET, strict=True) if b == b"#"]
-            reading.polygons.append(np.array(numbers[3:]).reshape(3, 3))
-            place += len(_FACET)
-        place += 1
+    text = b"\n".join(plain_lines(data)).lower()
+    text = re.sub(rb"(?m)^\s*((?:end)?solid)\b.*$", rb"\1", text)  # names are arbitrary
+    if not re.fullmatch(rb"\s*(?:solid\s+(?:%b)*endsolid\s*)+" % _FACET, text):
+        raise Refused("neither binary nor solids of facets")
+    for facet in re.findall(_FACET, text):
+        reading.polygons.append(np.array([number(word) for word in facet[3:]]).reshape(3, 3))
     return reading

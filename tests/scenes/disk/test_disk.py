@@ -7,7 +7,7 @@ import socket
 import stat
 import subprocess
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -95,18 +95,17 @@ def test_a_device_is_written_into_and_stays_and_a_disk_is_refused(tmp_path: Path
     assert made_by_us(tmp_path) == []
 
 
-def test_a_pipe_is_written_into(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("scene.toml").write_text(SCENE)
-    raster = "raster scene.toml --near 0.001 --out"
-    os.mkfifo("pipe.exr")
-    read: list[bytes] = []
-    reader = threading.Thread(target=lambda: read.append(Path("pipe.exr").read_bytes()))
-    reader.start()
-    assert [main([*raster.split(), name]) for name in ("pipe.exr", "file.exr")] == [0, 0]
-    reader.join()
-    assert read == [Path("file.exr").read_bytes()]
-    assert stat.S_ISFIFO(Path("pipe.exr").stat().st_mode)
+def test_a_pipe_is_written_into(
+    images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(images)
+    pipe = tmp_path / "pipe.exr"
+    os.mkfifo(pipe)
+    with ThreadPoolExecutor(1) as pool:
+        read = pool.submit(pipe.read_bytes)
+        assert main([*DRAWN.split(), str(pipe)]) == 0
+        assert read.result() == Path("1x0.exr").read_bytes()
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
 def test_standard_output_of_any_kind_is_written(tmp_path: Path) -> None:
