@@ -72,7 +72,7 @@ class Survey(NotebookRepr):
     extent: SampleExtent
     #: largest displacement (p99) of a hogel within the limits, pixels
     tolerance_px: float
-    #: order of the truths
+    #: order in which truths are computed
     truth_by: TruthBy
     #: number of processes
     workers: int

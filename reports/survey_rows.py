@@ -73,7 +73,7 @@ DIRECTIONS_BLOCK = 1 << 12
 class Device:
     """Device that drew a hogel."""
 
-    #: name of its OpenGL renderer
+    #: name of the device's OpenGL renderer
     renderer: str
     #: index among EGL's devices
     index: int
@@ -267,7 +267,7 @@ class SurveyJob(HogelJob):
     tolerance_px: float
     settings: tuple[DoubleFrustum, ...]
     tracer: str
-    #: order of the truths; by directions, blocks are whole rows of the plate
+    #: order in which truths are computed; by directions, blocks are whole rows of the plate
     truth_by: TruthBy
 
     @contextmanager

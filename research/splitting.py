@@ -323,7 +323,7 @@ _MISORDERED: dict[Cell, tuple[float, ...]] = {}
 
 
 def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
-    """Return the shares of pixels with the wrong sheet at each of `SEPARATIONS`, by sheets."""
+    """Return, by sheets, the shares of pixels with the wrong sheet at each of `SEPARATIONS`."""
     missing = {sheets for cell in cells for sheets in _sheets_of(cell)} - _MISORDERED.keys()
     for _, group in groupby(sorted(missing, key=_camera), key=_camera):
         shares: dict[Cell, list[float]] = {sheets: [] for sheets in group}

@@ -306,7 +306,7 @@ def _file(out: Path, index: tuple[int, int]) -> Path:
 
 
 def _image(case: Case, scene: Scene, index: tuple[int, int], path: Path) -> HogelImage:
-    """Read the image of a hogel; Problem if it cannot be read."""
+    """Read the image of a hogel; raise Problem if the image cannot be read."""
     camera = Reference(scene).camera(scene.plate.aperture(*index))
     try:
         return read_foreign(path, camera, Encoding(case.encoding))

@@ -399,12 +399,12 @@ CONTENT = PlateContent(ids=True)
 
 @dataclass(frozen=True, kw_only=True)
 class DirectionsResult:
-    """Measures of a plate drawn by directions; no line of it has a near plane, nothing is moved."""
+    """Measures of a plate drawn by directions: without a near plane, and without an offset."""
 
     #: both None if refused
     errors: DirectionErrors | None = None
     speeds: WaySpeeds | None = None
-    #: reason why the scene cannot be drawn so; empty if it can
+    #: reason why the scene cannot be drawn by directions; empty if it can
     refused: str = ""
 
     def summary(self) -> dict[str, Any]:

@@ -368,7 +368,7 @@ def _changes(
             before["wrong_pixels"] = None
         for name, now in present.items():
             was = before.get(name)
-            # A missing hogel counts once, not again for each other measure.
+            # A missing hogel counts once, not again for every other measure.
             if now is None and (was is None or present["missing"]):
                 continue
             limit, change = None, Change.NEW

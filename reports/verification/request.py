@@ -87,7 +87,7 @@ class Request:
     sample: PlateSample | None
     #: hogels of the first look
     apertures: Sequence[Aperture]
-    #: order of the truths
+    #: order in which truths are computed
     truth_by: TruthBy
     #: folder for relative names and the command; None: the current folder
     folder: Path | None = None

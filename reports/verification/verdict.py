@@ -150,7 +150,7 @@ class Verification(Verdict, NotebookRepr):
     worst: tuple[Pictured, ...] = field(default=(), repr=False)
     #: extent of a sample of the plate; None for chosen hogels
     extent: SampleExtent | None = None
-    #: order of the truths
+    #: order in which truths are computed
     truth_by: TruthBy = TruthBy.HOGELS
 
     @property
