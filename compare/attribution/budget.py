@@ -1,4 +1,4 @@
-"""Error budget: each wrong pixel is charged to a link of the chain, or explained by rounding."""
+"""Error budget: each wrong pixel is charged to a link of the chain, and rounding is explained."""
 
 from __future__ import annotations
 

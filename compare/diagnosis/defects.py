@@ -155,8 +155,7 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
             Defect(
                 fault=name,
                 value="no shear" if name == NOT_RECENTERED else str(model.recentering),
-                # A candidate that also has this defect is not an alternative to it; the same holds
-                # below.
+                # Here and below, an alternative to a defect is a candidate without this defect.
                 alternatives=_others(name, names),
                 details=tuple(str(shear) for shear in shears if shear not in known),
             )

@@ -345,8 +345,8 @@ def floating_pixels(
 
     Positions in wrong units may be on the right lines, in front of every surface. A point is moved
     away along its line by `FLOATING_SHARE` of its depth. If no surface hides it there, or
-    `SNAPPED_PX` to the side (because rasterizers snap edges), it was not on a surface. A point that
-    is closer than this to the expected point is not tested.
+    `SNAPPED_PX` to the side (because rasterizers snap edges), it was not on a surface. A point
+    within this distance of the expected point is not tested.
     """
     floating = np.zeros_like(mask)
     points = DrawnPoints.from_image(shown, np.flatnonzero(mask))

@@ -162,7 +162,7 @@ def outside_shares(
     """
     height, width = points.height.shape
     columns, rows = np.arange(width), np.arange(height) * width
-    # Left and right, top and bottom: pixels, the axis of displacement, and its outward sign.
+    # For the left, right, top and bottom border: pixels, axis of displacement, outward sign.
     sides = ((rows, 0, -1), (rows + width - 1, 0, 1), (columns, 1, -1), (columns + rows[-1], 1, 1))
     borders = [(points.at(pixels), axis, sign) for pixels, axis, sign in sides]
 

@@ -325,7 +325,7 @@ class Silhouettes:
         return front, back
 
     def thin_share(self, settings: DoubleFrustum) -> float:
-        """Return the share of contour length that is beside surfaces a single pixel wide."""
+        """Return the share of contour length along surfaces that are a single pixel wide."""
         steps = self._contours_for(settings)[0]
         step, front = steps.back - steps.front, steps.front * (4 * steps.resolution[0])
         # The front of a thin surface ends on both sides along an axis.
