@@ -9,8 +9,8 @@ section 3). Depth tests are strict: of two surfaces at equal depth, the surface 
 
 **By direction**, one pixel of all hogels is drawn: the plate is the film, and an aperture is a
 pixel. In a centered frustum, the lines of one pixel are parallel, and the camera is affine, with
-depth linear in z. In a recentered frustum, the lines pass through a point of the screen, the center
-of a perspective camera. There is no near offset and no second camera.
+depth linear in z. In a recentered frustum, the lines pass through a point of the screen: a
+perspective camera is at this point. There is no near offset and no second camera.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def has_area(triangles: Floats) -> Mask:
     doubled = np.linalg.norm(np.cross(edges[0], edges[1], axis=0), axis=0)
     return np.asarray(
         doubled > 4 * np.finfo(np.float64).eps
-    )  # three roundings of products of at most one
+    )  # bound of three roundings of products that are at most one
 
 
 def join(*meshes: Mesh) -> Mesh:

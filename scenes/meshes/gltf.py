@@ -188,7 +188,7 @@ def _world_matrices(gltf: Gltf) -> list[Floats]:
 def _visible_meshes(gltf: Gltf) -> Iterator[tuple[int, int]]:
     """Yield visible nodes with their meshes, by number, in the order of their triangles."""
     tree = gltf.tree
-    # Without scenes, all roots are drawn; an empty list of scenes has no default scene.
+    # If scenes are absent or their list is empty, all roots are drawn.
     children = {child for node in tree.nodes for child in node.children}
     waiting = [number for number in range(len(tree.nodes)) if number not in children]
     if tree.scenes or tree.scene is not None:

@@ -68,7 +68,7 @@ _INDEXED: Final = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Polygons:
-    #: (K, 3) indices from 0 of vertex, texture coordinates and normal; -1 for none
+    #: (K, 3) indices of vertex, texture coordinates and normal, from 0; -1 if absent
     corners: Indices
     counts: Indices  #: (P,) corners of each polygon
     lines: Indices  #: (P,) line of each polygon
