@@ -2,8 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,19 +14,14 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 SURELY = 1e-12
 """Margin relative to the sum of absolute products: a thousand times a dozen roundings."""
 
-LINES_AT_ONCE = 64
 
-
-@dataclass(frozen=True, kw_only=True)
-class ExactPixel:
-    """The first surface on one line.
-
-    Attributes ---------- winners All triangles that the line meets there, in ascending order; empty
-    if there are none. s s at which the line meets the winners; NaN if there are none.
-    """
+class ExactPixel(NamedTuple):
+    """The first surface on one line."""
 
     winners: list[int]
+    """All triangles that the line meets there, in ascending order; empty if there are none."""
     s: float
+    """s at which the line meets the winners; NaN if there are none."""
 
 
 def hold_to_fractions(
@@ -60,15 +54,10 @@ def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[Exac
     lines = lines_by_definition(scene, aperture).reshape(-1, 3)[pixels]
     s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
     decided = []
-    for start in range(0, len(lines), LINES_AT_ONCE):
-        part = lines[start : start + LINES_AT_ONCE]
-        for line, possible in zip(
-            part, possible_pairs(scene.triangles - center, part), strict=True
-        ):
-            numbers = np.flatnonzero(possible)
-            s, chosen = exact_first(scene.triangles[numbers], center, line, s_range)
-            winners = numbers[chosen].tolist()
-            decided.append(ExactPixel(winners=winners, s=float("nan") if s is None else float(s)))
+    for line in lines:
+        numbers = np.flatnonzero(possible_pairs(scene.triangles - center, line[None])[0])
+        s, chosen = exact_first(scene.triangles[numbers], center, line, s_range)
+        decided.append(ExactPixel(numbers[chosen].tolist(), float("nan" if s is None else s)))
     return decided
 
 

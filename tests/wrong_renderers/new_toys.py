@@ -6,6 +6,7 @@ They were written without knowledge of the diagnosis. Names of faults follow doc
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,6 @@ from tests.wrong_renderers.toys import (
     Draw,
     Toy,
     add,
-    drawn_with,
 )
 from tests.wrong_renderers.worlds import Floats, Part, World
 
@@ -64,7 +64,8 @@ def drawn_by(*slips: Slip) -> Draw:
         for slip in slips:
             mistakes = slip.mistakes(world, i, j) if callable(slip.mistakes) else slip.mistakes
             wrong = replace(wrong, **mistakes)
-            world = drawn_with(world, slip.words, slip.world) if slip.world else world
+            if slip.world:
+                world = world.once(slip.words, partial(slip.world, world))
             colors = slip.radiance or colors
         if colors and encoding in (RGB, SRGB):
             made = eight_bits(colors(np.clip(ray_caster.draw(world, i, j, wrong).radiance, 0, 1)))

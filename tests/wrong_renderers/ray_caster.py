@@ -120,14 +120,10 @@ def lines(
     y = (sy / 2 - (j + 0.5) * sy / rows) * wrong.plate[1] + wrong.aperture[1] * sy / rows
     k, t = np.zeros(2), np.tan(np.radians(world.fov_deg) / 2)
     if world.screen:
-        z, mx, my, full_x, full_y = world.screen
-        z, mx, my = (
-            z * wrong.screen_height,
-            mx + wrong.screen_center[0],
-            my + wrong.screen_center[1],
-        )
-        k = wrong.shear[camera] * (np.array([mx, my]) - [x, y]) / -z
-        t = np.array([full_x, full_y]) / 2 / abs(z)
+        z = world.screen[0] * wrong.screen_height
+        center = np.add(world.screen[1:3], wrong.screen_center)
+        k = wrong.shear[camera] * (center - [x, y]) / -z
+        t = np.array(world.screen[3:]) / 2 / abs(z)
     t = t * wrong.film
     u = (2 * (np.arange(width) + wrong.sample[0]) + 1) / width - 1
     v = 1 - (2 * (np.arange(height) + wrong.sample[1]) + 1) / height
@@ -136,7 +132,7 @@ def lines(
     return (
         np.array([x, y, 0.0]),
         np.stack(grid, axis=-1).reshape(-1, 3),
-        np.array([k[0], k[1], 0.0]),
+        np.append(k, 0.0),
     )
 
 
@@ -221,23 +217,17 @@ class Drawing:
 
 def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Drawing:
     """Return the drawing of one hogel, which is made only once."""
-    key = (i, j, wrong)
-    if key not in world.drawn:
-        world.drawn[key] = _draw(world, i, j, wrong)
-    shown = world.drawn[key]
-    assert isinstance(shown, Drawing)
-    return shown
+    return world.once((i, j, wrong), lambda: _draw(world, i, j, wrong))
 
 
 def met(world: World, i: int, j: int) -> Ints:
     """Return pixel * (number of triangles + 1) + triangle, sorted, for all true intersections."""
-    key = ("met", i, j)
-    if key not in world.drawn:
+
+    def keys() -> Ints:
         hits, _ = all_hits(world, i, j)
-        world.drawn[key] = np.unique(hits.pixel * (len(world.triangles) + 1) + hits.triangle)
-    keys = world.drawn[key]
-    assert isinstance(keys, np.ndarray)
-    return keys
+        return np.unique(hits.pixel * (len(world.triangles) + 1) + hits.triangle)
+
+    return world.once(("met", i, j), keys)
 
 
 def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Drawing:
@@ -275,10 +265,9 @@ def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floa
     mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
     facing, gloss = np.einsum("ni,ni->n", normal, light), np.einsum("ni,ni->n", mirrored, light)
     of = world.object_of[hits.triangle]
-    diffuse = np.array([part.diffuse for part in world.parts])[of]
-    ambient, specular, exponent = (
+    diffuse, ambient, specular, exponent = (
         np.array([getattr(part, name) for part in world.parts])[of]
-        for name in ("ambient", "specular", "exponent")
+        for name in ("diffuse", "ambient", "specular", "exponent")
     )
     shine = np.where(facing > 0, specular * np.maximum(gloss, 0) ** exponent, 0.0)
     around = 0.0 if wrong.light == "head" else ambient

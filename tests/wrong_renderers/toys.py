@@ -138,7 +138,7 @@ def scaled_up(how: Image.Resampling) -> Draw:
     """Draw the picture at half its size, and enlarge it."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
-        small = drawn_with(world, "small", lambda of: ray_caster.resized(of, 0.5))
+        small = world.once("small", lambda: ray_caster.resized(world, 0.5))
         return np.asarray(
             Image.fromarray(picture(small, i, j, encoding)).resize(world.resolution, how)
         )
@@ -146,18 +146,10 @@ def scaled_up(how: Image.Resampling) -> Draw:
     return draw
 
 
-def drawn_with(world: World, name: str, make: Callable[[World], World]) -> World:
-    """Return a variant of a world, made once."""
-    other = world.drawn.setdefault(name, make(world))
-    assert isinstance(other, World)
-    return other
-
-
 def antialiased(world: World, i: int, j: int, encoding: str) -> Picture:
     """Average two by two pixels of a picture twice as large."""
-    large = picture(
-        drawn_with(world, "large", lambda of: ray_caster.resized(of, 2.0)), i, j, encoding
-    ).astype(float)
+    larger = world.once("large", lambda: ray_caster.resized(world, 2.0))
+    large = picture(larger, i, j, encoding).astype(float)
     mean = (large[::2, ::2] + large[1::2, ::2] + large[::2, 1::2] + large[1::2, 1::2]) / 4
     return np.asarray(mean.round(), dtype=np.uint8)
 
@@ -207,7 +199,7 @@ add("right", "nothing", Mistakes())
 add(
     "winding",
     "triangles are wound the other way; nothing is culled",
-    lambda w, i, j, e: picture(drawn_with(w, "rewound", ray_caster.rewound), i, j, e),
+    lambda w, i, j, e: picture(w.once("rewound", lambda: ray_caster.rewound(w)), i, j, e),
 )
 
 # Numbers.

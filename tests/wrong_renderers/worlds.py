@@ -4,12 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +64,7 @@ class World:
     fov_deg: tuple[float, float] = (0.0, 0.0)
     screen: tuple[float, float, float, float, float] | None = None
     """Screen: height, center x and y, full width and height."""
-    drawn: dict[object, object] = field(default_factory=dict)  # pictures that are already drawn
+    drawn: dict[object, Any] = field(default_factory=dict)  # results of `once`
 
     @cached_property
     def triangles(self) -> Floats:
@@ -83,6 +85,13 @@ class World:
     def seen(self) -> Ints:
         """Numbers of the triangles of visible objects."""
         return np.flatnonzero(~np.array([part.hidden for part in self.parts])[self.object_of])
+
+    def once(self, key: object, make: Callable[[], T]) -> T:
+        """Return a picture, or another result, that is made once and then kept."""
+        if key not in self.drawn:
+            self.drawn[key] = make()
+        made: T = self.drawn[key]
+        return made
 
     @property
     def apertures(self) -> list[tuple[int, int]]:
@@ -130,20 +139,13 @@ def sheet(
 ) -> tuple[Floats, Ints]:
     """Return corners of a grid over the unit square, placed by `point`, and its triangles."""
     p, q = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="ij")
-    corners = np.stack([np.broadcast_to(part, p.shape) for part in point(p, q)], axis=-1).reshape(
-        -1, 3
-    )
-    i, j = (
-        index.ravel() for index in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
-    )
-    first = i * (rows + 1) + j
+    corners = np.stack(np.broadcast_arrays(*point(p, q)), axis=-1).reshape(-1, 3)
+    i, j = np.indices((columns, rows)).reshape(2, -1)
+    first = (i * (rows + 1) + j)[:, None]
     faces = np.concatenate(
-        [
-            np.stack([first, first + rows + 1, first + rows + 2], axis=1),
-            np.stack([first, first + rows + 2, first + 1], axis=1),
-        ]
+        [np.add(first, to) for to in ([0, rows + 1, rows + 2], [0, rows + 2, 1])]
     )
-    return np.ascontiguousarray(corners, dtype=np.float64), faces.astype(np.int64)
+    return np.ascontiguousarray(corners), faces
 
 
 def pebble(
@@ -240,15 +242,7 @@ def attic() -> World:
 
 def crowd() -> World:
     """Return the attic, numbered after 65,884 hidden triangles: numbers need 17 bits."""
-    attic_ = attic()
     wall = sheet(181, 182, lambda p, q: (400.0 + 20 * p, -10.0 + 20 * q, np.full_like(p, -20.0)))
-    return World(
-        name="crowd",
-        size=attic_.size,
-        hogels=(2, 2),
-        resolution=attic_.resolution,
-        screen=attic_.screen,
-        reach=attic_.reach,
-        light=attic_.light,
-        parts=(_part("wall", wall, (0.3, 0.3, 0.3), hidden=True), *attic_.parts),
-    )
+    hidden = _part("wall", wall, (0.3, 0.3, 0.3), hidden=True)
+    world = attic()
+    return replace(world, name="crowd", hogels=(2, 2), parts=(hidden, *world.parts))
