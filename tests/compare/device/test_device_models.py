@@ -106,11 +106,10 @@ def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tole
     """Corners move at random within the bounds of float32 and, with `snaps`, of snapping."""
     rng = np.random.default_rng(7)
     model = replace(LLVMPIPE, snaps_depth=snaps)
+    count, which = 20, np.zeros(20, dtype=np.int64)
     for _ in range(60):
-        w = np.exp(rng.uniform(-3, 3, 3))
-        film = rng.uniform(-1, 1, (3, 2))
-        value = rng.uniform(0, 1, 3) * w
-        corners = np.column_stack((film * w[:, None], w, value))
+        w, film = np.exp(rng.uniform(-3, 3, (3, 1))), rng.uniform(-1, 1, (3, 2))
+        corners = np.hstack((film * w, w, rng.uniform(0, 1, (3, 1)) * w))
         rounding = 2.0**-24 * np.abs(corners)
         planes = Planes(
             vertices=corners[None, :, :3],
@@ -121,13 +120,12 @@ def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tole
             largest=np.ones(1),
             resolution=(64, 64),
         )
-        points = np.column_stack((rng.dirichlet(np.ones(3), 20) @ film, np.ones(20)))
+        points = np.column_stack((rng.dirichlet(np.ones(3), count) @ film, np.ones(count)))
         moved = corners + rng.choice((-1, 1), (3, 4)) * rounding
         places = moved[:, :2] / moved[:, 2:3]
         if snaps:
-            places = places + rng.choice((-1, 1), (3, 2)) * model.half_step * 2 / 64
+            places += rng.choice((-1, 1), (3, 2)) * model.half_step * 2 / 64
         plane = np.linalg.solve(np.column_stack((places, np.ones(3))), moved[:, 3] / moved[:, 2])
-        which = np.zeros(20, dtype=np.int64)
         off = np.abs(points @ plane - planes.exact(which, points))
         # Points near the rim may lie outside the moved triangle; there its plane is extended.
         assert (off <= 1.02 * planes.tolerance(which, points, model)).all()

@@ -14,9 +14,10 @@ from tests.support.views import at, reversed_d32f, view
 from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance
 from xfrustum.raster.cameras import MAPPINGS, clip_from_scene, slab_cameras
 from xfrustum.reference import Reference
-from xfrustum.reference.lines import crossed_frustum, film_window, model_cameras, pixel_places
-from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
+from xfrustum.reference.lines import crossed_frustum, model_cameras, pixel_places
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Pivot, Screen
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.plate import Fit
 
 REACH = 12.0
 WIDTH = 64
@@ -93,40 +94,27 @@ def test_a_point_is_drawn_where_its_moved_point_truly_belongs(
         assert np.abs(drawn - true).max() <= ROUNDING_PX * (1 + np.abs(true).max())
 
 
-@given(
-    frustum=st.sampled_from([CENTERED, RECENTERED]),
-    near=st.floats(0.01, 3),
-    aperture=APERTURES,
-    where=st.tuples(LATERAL, LATERAL, DISTANCES, SIDES),
-)
-def test_halves_move_by_n_along_the_shear_and_by_the_ordinary_projection_straight(
-    frustum: Frustum, near: float, aperture: Aperture, where: tuple[float, float, float, int]
-) -> None:
-    """Centered frusta have no shear: both halves move rigidly, 2 n apart."""
-    x, y, distance, side = where
-    point, shear = np.array([[x, y, -side * distance]]), film_window(frustum, aperture)[0]
-    how = DoubleFrustum(near=near)
-    straight = replace(how, pivot="camera")  # type: ignore[arg-type]  # fields by name
-    for settings, direction in ((how, (*shear, -1.0)), (straight, (0.0, 0.0, -1.0))):
-        moved = replayed_points(point, frustum, aperture, settings, side)
-        expected = point + side * near * np.array([direction])
-        np.testing.assert_allclose(moved, expected, rtol=1e-12, atol=1e-12)
-    assert moves_rigidly(frustum, straight)
-    assert moves_rigidly(frustum, how) == (frustum is CENTERED)
-
-
 @given(near=st.floats(0.01, 3), first=st.floats(1, 6), beyond=st.floats(0.001, 6))
-def test_only_the_first_slab_is_moved_and_no_seam_opens_where_the_fit_is_the_first_cut(
+def test_halves_move_by_n_and_with_cuts_the_first_slab_alone(
     near: float, first: float, beyond: float
 ) -> None:
-    fitted = DoubleFrustum(near=near, slabs=(first,))
+    """A fit to the first cut leaves no seam there."""
+    whole = DoubleFrustum(near=near)
+    fitted = replace(whole, slabs=(first,))
+    assert replayed_distance(np.array(first), RECENTERED, whole) == first + near
     inside, outside = replayed_distance(np.array([first, first + beyond]), CENTERED, fitted)
     assert math.isclose(inside, first, rel_tol=1e-14)
     assert outside == first + beyond
     # If the angle is kept instead, the first slab ends n beyond the cut, with a seam.
-    angle = replace(fitted, fit="angle")  # type: ignore[arg-type]  # fields by name
-    seam = replayed_distance(np.array(first), CENTERED, angle)
+    seam = replayed_distance(np.array(first), CENTERED, replace(fitted, fit=Fit.ANGLE))
     assert seam == first + near
+
+
+def test_halves_move_rigidly_unless_the_shear_differs_between_apertures() -> None:
+    """With pivot `aperture`, points move along the shear; a centered frustum has none."""
+    paper, straight = (DoubleFrustum(near=1.0, pivot=pivot) for pivot in Pivot)
+    assert moves_rigidly(CENTERED, paper) and not moves_rigidly(RECENTERED, paper)
+    assert moves_rigidly(CENTERED, straight) and moves_rigidly(RECENTERED, straight)
 
 
 #: Near offset, a twenty-fifth of the scenes' reach of 150, with clearly visible errors

@@ -1,6 +1,5 @@
 """Closed forms of noticeable effects, compared with points replayed aperture by aperture."""
 
-import json
 import math
 from dataclasses import replace
 
@@ -9,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.commands import Command
 from tests.support.moved_scene import replayed_points
 from tests.support.views import view
-from xfrustum.cli.main import main
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.noticeable import (
     ARCSEC_PER_RADIAN,
@@ -154,10 +153,8 @@ def test_at_the_ends_of_the_depth_of_field_pixels_span_the_visual_acuity(
         assert result.pixel_arcmin <= finest
 
 
-def test_check_lists_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str]) -> None:
-    request = ["check", "asymmetric", "--viewer=600", "--near"]
-    assert main([*request, "0.2", "--json"]) == 0
-    record = json.loads(capfd.readouterr().out)["viewer"]
+def test_check_lists_the_limits_at_a_distance(command: Command) -> None:
+    record = command("check asymmetric --viewer=600 --near 0.2 --json").record["viewer"]
     assert record["limits"]["viewer"]["distance"] == 600
     assert record["largest_unseen_near"] == 0.232
     assert not record["seen"]

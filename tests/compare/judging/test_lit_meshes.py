@@ -3,6 +3,7 @@
 No object ends on this film, but parts of the mesh have outlines before other parts.
 """
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,14 @@ import pytest
 import trimesh
 
 import xfrustum
-from tests.support.scene_file import film, named
+from tests.support.foreign_renderers import saying
 from xfrustum.compare.judging.judged import Compared, Judging, judge
 from xfrustum.compare.judging.verdict import Hogel, Limits
 from xfrustum.compare.metrics.error_maps import true_lines
 from xfrustum.compare.renderer_model.drawn_model import Back, Front, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
-from xfrustum.scenes import HogelImage, Scene, open_scene
-from xfrustum.scenes.model.images import NOTHING
+from xfrustum.scenes import Frustum, HogelImage, Plate, Scene, SceneObject
 from xfrustum.tolerances import MAX_WRONG
 
 LONGEST_MM = 80.0  #: longest side of a mesh's bounding box
@@ -38,18 +38,21 @@ MODELS = {
 """Renderers with a missing half or a wrong depth test."""
 
 
-def scene_of(folder: Path, mesh: Path, resolution: tuple[int, int]) -> Scene:
+def scene_of(mesh: trimesh.Trimesh, resolution: tuple[int, int]) -> Scene:
     """Return a scene with a mesh, centered in the plate, that fills the films."""
-    low, high = trimesh.load(mesh, force="mesh", process=False).bounds
-    scale = float(LONGEST_MM / (high - low).max())
+    low, high = mesh.bounds
+    scale = LONGEST_MM / (high - low).max()
     width, height, depth = (scale * (high - low)).tolist()
-    tall = float(2 * np.degrees(np.arctan(np.tan(np.radians(30)) * resolution[1] / resolution[0])))
-    plate = (PLATE_PER_MESH * width, PLATE_PER_MESH * height)
-    text = named(mesh.stem, "mm") + film(plate, (5, 5), resolution, (60.0, tall), (depth, depth))
-    middle = (-scale * (low + high) / 2).tolist()
-    text += f'[[object]]\nmesh = "{mesh}"\nscale = {scale}\ntranslate = {middle}\n'
-    (folder / "scene.toml").write_text(text)
-    return open_scene(folder / "scene.toml")
+    wide = math.radians(60.0)
+    tall = 2 * math.atan(math.tan(wide / 2) * resolution[1] / resolution[0])
+    vertices = scale * (mesh.vertices - (low + high) / 2)
+    return Scene(
+        name="mesh",
+        units="mm",
+        plate=Plate(size=(PLATE_PER_MESH * width, PLATE_PER_MESH * height), hogels=(5, 5)),
+        frustum=Frustum(resolution=resolution, fov=(wide, tall), reach=(depth, depth)),
+        objects=(SceneObject(name="mesh", vertices=vertices, faces=np.asarray(mesh.faces)),),
+    )
 
 
 def lit(reference: Reference, shown: HogelImage) -> HogelImage:
@@ -58,12 +61,9 @@ def lit(reference: Reference, shown: HogelImage) -> HogelImage:
     lines /= np.linalg.norm(lines, axis=2, keepdims=True)
     normal = reference.scene.normals[shown.triangle]
     gray = AMBIENT + DIFFUSE * np.abs(np.einsum("hwi,hwi->hw", normal, lines))
-    gray = np.where(shown.triangle == NOTHING, 0.0, gray)
-    color = np.repeat(np.rint(255 * gray)[..., None] / 255, 3, axis=2).astype(np.float32)
-    nothing, nowhere = np.full_like(shown.triangle, NOTHING), np.full_like(color, np.nan)
-    return HogelImage(
-        camera=shown.camera, triangle=nothing, object=nothing, position=nowhere, color=color
-    )
+    gray = np.rint(255 * np.where(shown.covered, gray, 0.0)) / 255
+    color = np.repeat(gray[..., None], 3, axis=2).astype(np.float32)
+    return saying(replace(shown, color=color), "color")
 
 
 def checked(scene: Scene, indices: list[tuple[int, int]]) -> dict[str, list[tuple[str, float]]]:
@@ -90,7 +90,7 @@ def checked(scene: Scene, indices: list[tuple[int, int]]) -> dict[str, list[tupl
     return result
 
 
-def test_wrong_pictures_of_one_mesh_that_fills_the_film_are_distinguished(tmp_path: Path) -> None:
+def test_wrong_pictures_of_one_mesh_that_fills_the_film_are_distinguished() -> None:
     """One mesh: a wall with slanted bars before it, on both sides of the plate."""
     wall = trimesh.creation.box((80.0, 80.0, 2.0))
     wall.apply_translation((0.0, 0.0, -30.0))
@@ -99,10 +99,15 @@ def test_wrong_pictures_of_one_mesh_that_fills_the_film_are_distinguished(tmp_pa
         turn = trimesh.transformations.rotation_matrix(0.4 + 0.3 * number, (0.2, 0.9, 1))
         parts.append(trimesh.creation.box((5.0, 300.0, 3.0)).apply_transform(turn))
         parts[-1].apply_translation((x, 2.0 * number, z))
-    trimesh.util.concatenate(parts).export(tmp_path / "grate.obj")
-    text = named("grate", "mm") + film((20.0, 20.0), (5, 5), (64, 48), (60.0, 47.0), (60.0, 60.0))
-    (tmp_path / "scene.toml").write_text(f'{text}[[object]]\nmesh = "grate.obj"\n')
-    result = checked(open_scene(tmp_path / "scene.toml"), [(3, 1)])
+    grate = trimesh.util.concatenate(parts)
+    part = SceneObject(name="grate", vertices=grate.vertices, faces=np.asarray(grate.faces))
+    scene = replace(
+        scene_of(wall, (64, 48)),
+        plate=Plate(size=(20.0, 20.0), hogels=(5, 5)),
+        objects=(part,),
+    )
+    scene = replace(scene, frustum=replace(scene.frustum, reach=(60.0, 60.0)))
+    result = checked(scene, [(3, 1)])
     del result["right"]
     assert min(share for hogels in result.values() for _, share in hogels) > 1.5 * MAX_WRONG
     for name in ("back only", ONE_FOR_ALL):
@@ -111,19 +116,16 @@ def test_wrong_pictures_of_one_mesh_that_fills_the_film_are_distinguished(tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "mesh",
-    [
-        *("teapot.obj", "stanford-bunny.obj", "beetle-alt.obj", "CesiumMilkTruck.glb"),
-        "foreign/tried-4/spider.stl",
-    ],
+    "mesh", ["teapot.obj", "beetle-alt.obj", "CesiumMilkTruck.glb", "foreign/tried-4/spider.stl"]
 )
 def test_no_wrong_picture_of_a_mesh_that_fills_the_film_passes(
-    mesh: str, shared_data: Path, tmp_path: Path
+    mesh: str, shared_data: Path
 ) -> None:
     file = shared_data / "data" / mesh
     if not file.exists():
         pytest.skip(f"needs {mesh}")
-    checked(scene_of(tmp_path, file, (160, 120)), [(2, 2), (1, 3), (3, 3)])
+    scene = scene_of(trimesh.load(file, force="mesh", process=False), (160, 120))
+    checked(scene, [(2, 2), (1, 3), (3, 3)])
 
 
 @pytest.mark.slow

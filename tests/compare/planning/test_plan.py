@@ -42,7 +42,6 @@ from xfrustum.scenes import (
     open_scene,
 )
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.model.device_model import safe_model
 from xfrustum.scenes.shapes import refine
 
 SMALL = (96, 72)  #: film for tests that do not need a scene's own resolution, pixels
@@ -310,17 +309,6 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
     # Depth that fragments write needs no cut in 16 bits: fewer slabs rank before cheaper buffers.
     sixteen = Search(views, Requirement(choices=depth_buffers(DepthFormat.D16))).best().best
     assert sixteen.settings.slabs == () and sixteen.settings.mapping is DepthMapping.LOGARITHMIC
-
-
-@pytest.mark.slow
-def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
-    """Two steps of this device equal one step of a device that stores the nearest value."""
-    scene, buffer = view("asymmetric", SMALL), depth_buffers(DepthFormat.D16, DepthMapping.LINEAR)
-    requirement = Requirement(device=safe_model(), choices=buffer)
-    made = plan_apertures(scene, [scene.plate.middle], requirement)
-    assert made.settings is not None and made.predicted is not None
-    nearest = traced(scene).separation(made.settings)
-    assert made.predicted.separation == pytest.approx(2 * nearest, rel=0.01)
 
 
 def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on() -> None:

@@ -1,6 +1,5 @@
 """Band limiting: blur by a hogel's area, in closed form, and points that sample the area."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.commands import Command
 from tests.support.lit import ball, lit
 from tests.support.long_tail import thinned
 from tests.support.scene_file import film, named, part
 from tests.support.views import view
-from xfrustum.cli.main import main
 from xfrustum.compare.prediction.band_limiting import (
     DISCREPANCY,
     LEVEL,
@@ -59,17 +58,14 @@ def test_the_discrepancy_is_that_of_the_sub_apertures(count: int) -> None:
 @pytest.mark.parametrize("z", [-70.0, 25.0])
 def test_the_blur_is_how_far_a_point_moves_between_the_ends_of_a_pitch(name: str, z: float) -> None:
     scene = view(name, (64, 48))
-    middle, blur = scene.plate.middle, blur_px(scene, z)
-    pitch = [size / count for size, count in zip(scene.plate.size, scene.plate.hogels, strict=True)]
-    half = np.array(scene.frustum.resolution) / 2
-    for axis, coordinate in enumerate(("x", "y")):
-        places = []
-        for side in (-0.5, 0.5):
-            there = getattr(middle, coordinate) + side * pitch[axis]
-            lines = crossed_frustum(scene.frustum, replace(middle, **{coordinate: there}))
-            slope = lines.center[axis] / z - lines.shear[axis]
-            places.append(slope / lines.half_extent[axis] * half[axis])
-        assert abs(places[1] - places[0]) == pytest.approx(blur[axis], rel=1e-9)
+    pitch, middle = np.divide(scene.plate.size, scene.plate.hogels), scene.plate.middle
+    places = []
+    for side in (-0.5, 0.5):
+        x, y = (middle.x, middle.y) + side * pitch
+        lines = crossed_frustum(scene.frustum, replace(middle, x=x, y=y))
+        slope = np.array(lines.center[:2]) / z - lines.shear
+        places.append(slope / lines.half_extent * scene.frustum.resolution / 2)
+    np.testing.assert_allclose(np.abs(places[1] - places[0]), blur_px(scene, z), rtol=1e-9)
 
 
 def test_nothing_is_blurred_at_the_screen_and_everything_at_the_plate() -> None:
@@ -123,11 +119,9 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
     assert LEVEL < error[coarse] <= 0.01
 
 
-def test_auto_is_the_number_that_check_recommends(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_auto_is_the_number_that_check_recommends(tmp_path: Path, command: Command) -> None:
     """A dim ball far behind the plate, whose image moves by a fifth of a pixel over the pitch."""
-    file, out = tmp_path / "ball.toml", str(tmp_path / "x.zarr")
+    file, out = tmp_path / "ball.toml", tmp_path / "x.zarr"
     file.write_text(
         named("dim")
         + film(
@@ -136,15 +130,13 @@ def test_auto_is_the_number_that_check_recommends(
         + "[material.dim]\nambient = 0.2\ndiffuse = 0.0\n[[light]]\ndirection = [0.0, 0.0, 1.0]\n"
         + part("sphere", 20.0, (0.0, 0.0, -70.0), material="dim")
     )
-    assert main(["check", str(file), "--json"]) == 0
-    count = json.loads(capsys.readouterr().out)["depths"]["sub_apertures"]
+    count = command(f"check {file} --json").record["depths"]["sub_apertures"]
     assert 1 < count <= 256
     plate = f"plate {file} --near 0.02 --apertures 4,4 --quiet --out {out} --aperture-samples auto"
-    assert main(plate.split()) == 0
-    assert f"auto: {count} points" in capsys.readouterr().err
+    assert f"auto: {count} points" in command(plate).err
     # A tolerance as a share of the radiance needs fewer points.
-    trace = ["trace", str(file), "--out", f"{out}.exr", "--aperture-samples"]
-    assert main([*trace, "5%"]) == 0
-    fewer = needed_sub_apertures(open_scene(str(file)), error=0.05)
-    assert f"5%: {fewer} points" in capsys.readouterr().err
-    assert [main([*trace, share]) for share in ("0%", "100%", "-1%")] == [2, 2, 2]
+    trace = f"trace {file} --out {out}.exr --aperture-samples"
+    fewer = needed_sub_apertures(open_scene(file), error=0.05)
+    assert f"5%: {fewer} points" in command(f"{trace} 5%").err
+    for share in ("0%", "100%", "-1%"):
+        command(f"{trace} {share}", status=2)

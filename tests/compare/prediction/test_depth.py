@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 
 from tests.support.long_tail import thinned
-from tests.support.views import at, soup, view
+from tests.support.views import at, reversed_d32f, soup, view
 from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.planning.views import SheetFilm, SheetPair
 from xfrustum.compare.prediction.depth import (
@@ -30,6 +31,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes import (
     Camera,
+    Certainty,
     DepthFormat,
     DepthMapping,
     DoubleFrustum,
@@ -62,13 +64,14 @@ def heights_about(height: float) -> Floats:
     return height * (1 + np.random.default_rng(4).uniform(-0.05, 0.05, CELLS**2))
 
 
-def predicted(near: float, height: float, depth: DepthFormat, mapping: DepthMapping) -> float:
+def predicted(settings: DoubleFrustum, height: float) -> float:
     """Return the separation along z at which the allowed fraction of pixels is misordered.
 
     Errors are close to normal. The chance of a cell therefore follows from the separation at which
     it would be `MAX_MISORDERED_FRACTION`.
     """
-    there = smallest_separation(heights_about(height) + near, near, near + REACH, depth, mapping)
+    near, w = settings.near, heights_about(height) + settings.near
+    there = smallest_separation(w, near, near + REACH, settings.depth, settings.mapping)
     certain = norm.isf(MAX_MISORDERED_FRACTION)
 
     def excess(distance: float) -> float:
@@ -101,7 +104,7 @@ def test_smallest_ordered_separation_is_as_predicted(
 ) -> None:
     """At twice the predicted separation at most 1 % is misordered; at half of it, more than 1 %."""
     settings = DoubleFrustum(near=near, depth=depth, mapping=mapping)
-    distance = predicted(near, height, depth, mapping)
+    distance = predicted(settings, height)
     assert max(misordered(settings, height, FACTOR * distance)) <= MAX_MISORDERED_FRACTION
     assert min(misordered(settings, height, distance / FACTOR)) > MAX_MISORDERED_FRACTION
 
@@ -114,12 +117,10 @@ FRUSTUM = Frustum(
 
 def level(height: float) -> HogelImage:
     """Return the true image of a square at one height, larger than the film."""
-    corners = np.array(
-        [(-200, -200, height), (200, -200, height), (200, 200, height), (-200, 200, height)]
-    )
-    scene = soup(corners[[(0, 1, 2), (0, 2, 3)]].astype(np.float64), FRUSTUM)
+    square = np.array([(-200.0, -200.0), (200.0, -200.0), (200.0, 200.0), (-200.0, 200.0)])
+    corners = np.column_stack((square, np.full(4, height)))
     # No line passes through the square's diagonal, which would be a tie.
-    return Reference(scene).trace(at(0.3, 0.1))
+    return Reference(soup(corners[[(0, 1, 2), (0, 2, 3)]], FRUSTUM)).trace(at(0.3, 0.1))
 
 
 def share(height: float, gap: float, settings: DoubleFrustum, *, unlucky: bool = False) -> float:
@@ -215,101 +216,93 @@ def test_lost_surfaces_are_near_the_clear_value_of_their_camera() -> None:
 
 
 def test_only_drawn_and_judged_surfaces_count() -> None:
-    starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
-    truth = level(-70.0)
+    starved, truth = DoubleFrustum(near=1e-4, depth=DepthFormat.D16), level(-70.0)
     assert share(-70.0, np.inf, replace(starved, camera=Camera.C_STAR)) == 0
     assert share(-70.0, np.inf, replace(starved, camera=Camera.C)) > 0.999
-    truth.certainty[:] = 2
+    truth.certainty[:] = Certainty.TIE
     nothing = DepthLayers.from_truth(truth, np.full(truth.covered.shape, np.inf))
     assert depth_wrong_shares(nothing, FRUSTUM, [starved]) == [0]
 
 
 @pytest.mark.parametrize(
-    "settings",
+    "options",
     [
-        DoubleFrustum(near=0.5),
-        DoubleFrustum(near=0.5, slabs=(7.0, 30.0, 90.0)),
-        DoubleFrustum(near=0.5, slabs=(7.0,), offset=Offset.NONE),
-        DoubleFrustum(near=0.5, slabs=(7.0,), camera=Camera.C_STAR),
+        {},
+        {"slabs": (7.0, 30.0, 90.0)},
+        {"slabs": (7.0,), "offset": Offset.NONE},
+        {"slabs": (7.0,), "camera": Camera.C_STAR},
     ],
 )
-def test_slabs_are_those_that_the_reference_traces(settings: DoubleFrustum) -> None:
-    aperture = at(1.0, 2.0)
-    cameras = model_cameras(FRUSTUM, aperture, settings)
-    expected = sorted(
-        (
-            camera.orthoscopic,
-            *sorted(abs(s) for s in camera.bundle.s_range),
-            abs(camera.bundle.center[2]),
+def test_slabs_are_those_that_the_reference_traces(options: dict[str, Any]) -> None:
+    settings = DoubleFrustum(near=0.5, **options)
+    own = slabs(FRUSTUM, settings)
+    assert sorted((slab.camera is Camera.C, slab.near, slab.far, slab.step) for slab in own) == (
+        sorted(
+            (camera.orthoscopic, *np.sort(np.abs(camera.bundle.s_range)), abs(z))
+            for camera in model_cameras(FRUSTUM, at(1.0, 2.0), settings)
+            for z in camera.bundle.center[2:]
         )
-        for camera in cameras
     )
-    contents = sorted(
-        (slab.camera is Camera.C, slab.near, slab.far, slab.step)
-        for slab in slabs(FRUSTUM, settings)
-    )
-    assert contents == expected
-    for slab in slabs(FRUSTUM, settings):
-        assert (slab.near, slab.far) == (slab.low + slab.step, slab.high + slab.step)
+    assert all(slab.near - slab.low == slab.far - slab.high == slab.step for slab in own)
 
 
-MEASURED = [
-    (1e-4, DepthFormat.D16, DepthMapping.STANDARD),
-    (1e-6, DepthFormat.D16, DepthMapping.REVERSED),
-    (1e-6, DepthFormat.D24, DepthMapping.STANDARD),
-    (1e-6, DepthFormat.D24, DepthMapping.REVERSED),
-    (1e-7, DepthFormat.D32F, DepthMapping.GL),
-]
-
-
-def misordered_pixels(
-    name: str, near: float, depth: DepthFormat, mapping: DepthMapping, width: int
-) -> tuple[int, float, float]:
+def misordered_pixels(name: str, settings: DoubleFrustum, width: int) -> tuple[int, float, float]:
     """Return pixels wrong by depth: measured, predicted for the draw order, and for any order."""
     scene = view(name, (width, width))
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
     gaps, earlier = reference.gaps(aperture), reference.gaps(aperture, truth)
-    settings = DoubleFrustum(near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping)
+    settings = replace(settings, near=settings.near * scene.frustum.longest_reach)
     linear = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     with Rasterizer(scene) as rasterizer:
-        drawn = [
-            rasterizer.render(aperture, option, normals=False, color=False)
+        wrong, without = (
+            surface_errors(truth, rasterizer.render(aperture, option, color=False), reference).wrong
             for option in (settings, linear)
-        ]
-        wrong, without = (surface_errors(truth, image, reference).wrong for image in drawn)
+        )
     judged = judged_pixels(truth)
-    stacks = DepthLayers.from_truth(truth, gaps, earlier), DepthLayers.from_truth(truth, gaps)
-    predicted, coin = (
-        depth_wrong_shares(layers, scene.frustum, [settings])[0] * judged.sum() for layers in stacks
+    ordered, unordered = (
+        depth_wrong_shares(layers, scene.frustum, [settings])[0] * judged.sum()
+        for layers in (
+            DepthLayers.from_truth(truth, gaps, earlier),
+            DepthLayers.from_truth(truth, gaps),
+        )
     )
-    return int((wrong & ~without & judged).sum()), float(predicted), float(coin)
+    return int((wrong & ~without & judged).sum()), float(ordered), float(unordered)
 
 
-@pytest.mark.parametrize(("near", "depth", "mapping"), thinned(MEASURED, 2))
-def test_the_share_on_a_car_is_as_predicted(
-    near: float, depth: DepthFormat, mapping: DepthMapping
-) -> None:
-    """Predictions, for the draw order or a random order, agree within a factor of two."""
-    measured, *predicted = misordered_pixels("car", near, depth, mapping, 256)
+@pytest.mark.parametrize(
+    "settings",
+    thinned(
+        [
+            DoubleFrustum(near=1e-4, depth=DepthFormat.D16),
+            DoubleFrustum(near=1e-6, depth=DepthFormat.D24),
+            DoubleFrustum(near=1e-6, depth=DepthFormat.D16, mapping=DepthMapping.REVERSED),
+            DoubleFrustum(near=1e-7, depth=DepthFormat.D32F, mapping=DepthMapping.GL),
+        ],
+        3,
+    ),
+)
+def test_the_share_on_a_car_is_as_predicted(settings: DoubleFrustum) -> None:
+    """Predictions, for the draw order or a random order, agree within a factor of two.
+
+    Near is a part of the reach.
+    """
+    measured, *predicted = misordered_pixels("car", settings, 256)
     assert measured > 5e-4 * 256**2
     for prediction in predicted:
         assert measured / 2 <= prediction <= measured * 2
 
 
 @pytest.mark.parametrize(
-    ("name", "near", "depth", "mapping"),
+    ("name", "settings"),
     [
-        ("sheets", 1e-7, DepthFormat.D16, DepthMapping.STANDARD),
-        ("mirror-sphere", 2e-8, DepthFormat.D24, DepthMapping.REVERSED),
-        ("mirror-sphere", 1.6e-5, DepthFormat.D16, DepthMapping.STANDARD),
+        ("sheets", DoubleFrustum(near=1e-7, depth=DepthFormat.D16)),
+        ("mirror-sphere", DoubleFrustum(near=1.6e-5, depth=DepthFormat.D16)),
     ],
 )
-def test_the_draw_order_decides_equal_depths(
-    name: str, near: float, depth: DepthFormat, mapping: DepthMapping
-) -> None:
+def test_the_draw_order_decides_equal_depths(name: str, settings: DoubleFrustum) -> None:
     """With steps far coarser than float32 rounding, chance decides hardly any pixel."""
-    measured, predicted, coin = misordered_pixels(name, near, depth, mapping, 96)
+    measured, predicted, coin = misordered_pixels(name, settings, 96)
     assert measured > 50
     assert predicted == pytest.approx(measured, rel=0.05)
     assert abs(coin - measured) > 0.2 * measured
@@ -331,22 +324,20 @@ def curves() -> dict[str, dict[float, float]]:
     scene = view("car", (256, 256))
     reference, middle = Reference(scene), scene.plate.middle
     truth = reference.trace(middle)
+    judged = judged_pixels(truth)
     buffers = {
-        "d16": (DepthFormat.D16, DepthMapping.STANDARD),
-        "d24": (DepthFormat.D24, DepthMapping.STANDARD),
-        "float reversed": (DepthFormat.D32F, DepthMapping.REVERSED),
+        "d16": DoubleFrustum(near=1.0, depth=DepthFormat.D16),
+        "d24": DoubleFrustum(near=1.0, depth=DepthFormat.D24),
+        "float reversed": reversed_d32f(1.0),
     }
     curves: dict[str, dict[float, float]] = {name: {} for name in buffers}
     with Rasterizer(scene) as raster:
-        for (name, (depth, mapping)), near in product(buffers.items(), NEARS):
-            settings = DoubleFrustum(
-                near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping
-            )
+        for (name, buffer), near in product(buffers.items(), NEARS):
+            settings = replace(buffer, near=near * scene.frustum.longest_reach)
             drawn = raster.render(middle, settings, normals=False, color=False)
             errors = surface_errors(truth, drawn, reference)
             # Surfaces from outside the film count as wrong from half a pixel of displacement.
-            inside = errors.wrong & ~errors.outside & judged_pixels(truth)
-            curves[name][near] = float(inside.sum() / judged_pixels(truth).sum())
+            curves[name][near] = float((errors.wrong & ~errors.outside)[judged].mean())
     return curves
 
 

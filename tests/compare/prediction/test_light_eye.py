@@ -18,9 +18,8 @@ from xfrustum.compare.prediction.eye_vector import (
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading import Shader
-from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
+from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.appearance import Appearance, DirectionalLight, Material
-from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.plate import Pivot
 
 SIZE = (96, 72)
@@ -46,16 +45,12 @@ HIGHLIGHT = Material(
 MIRROR = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.8, 0.7))
 
 
-def points_of(image: HogelImage, where: Mask) -> tuple[Numbers, Floats]:
-    return image.triangle[where], image.position[where].astype(np.float64)
-
-
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
 def test_the_bend_in_closed_form_is_drawn_minus_true_line(name: str) -> None:
     scene = view(name, SIZE)
     aperture = scene.default_apertures()[-1]
     truth = Reference(scene).trace(aperture)
-    _, position = points_of(truth, truth.covered & (np.abs(truth.height) > 1e-3))
+    position = truth.position[truth.covered & (np.abs(truth.height) > 1e-3)].astype(np.float64)
     for near in (0.01, 1.0, 30.0):
         drawn = drawn_lines(position, scene.frustum, aperture, DoubleFrustum(near=near))
         expected = drawn - true_lines(position, aperture)
@@ -69,14 +64,13 @@ def test_the_eye_vector_of_a_pixel_does_not_bend() -> None:
     aperture = scene.default_apertures()[-1]
     reference, near = Reference(scene), DoubleFrustum(near=1.0)
     model = reference.trace_model(aperture, near)
-    shown = model.covered & (np.abs(model.height) > 1e-3)
     through_pixel = true_lines(reference.trace(aperture).position, aperture)
-    drawn = drawn_lines(model.position, scene.frustum, aperture, near)
-    both = shown & np.isfinite(through_pixel[..., 0])
-    np.testing.assert_allclose(drawn[both], through_pixel[both], rtol=0, atol=1e-12)
-    swerved = drawn_lines(
-        model.position, scene.frustum, aperture, replace(near, pivot=Pivot.CAMERA)
+    both = model.covered & (np.abs(model.height) > 1e-3) & np.isfinite(through_pixel[..., 0])
+    straight, swerved = (
+        drawn_lines(model.position, scene.frustum, aperture, replace(near, pivot=pivot))
+        for pivot in (Pivot.APERTURE, Pivot.CAMERA)
     )
+    np.testing.assert_allclose(straight[both], through_pixel[both], rtol=0, atol=1e-12)
     assert np.abs(swerved[both] - through_pixel[both]).max() > 1e-4
 
 
@@ -84,13 +78,13 @@ def test_the_eye_vector_of_a_pixel_does_not_bend() -> None:
 def test_the_rasterizer_shows_the_bend_that_is_predicted(material: Material) -> None:
     """At drawn points, the device's color minus the true color equals the closed form."""
     scene = shiny("asymmetric", material)
-    aperture, shader, near = scene.plate.middle, Shader(scene), 4e-3 * 150
+    aperture, near = scene.plate.middle, 4e-3 * 150
     truth = Reference(scene).trace(aperture)
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(aperture, reversed_d32f(near), normals=False)
     where = away_from_edges(truth, drawn) & (np.abs(drawn.height) > 0.05 * 150)
     kept = where[drawn.off_plate]
-    measured = measured_eye_error(shader, drawn)[kept]
+    measured = measured_eye_error(Shader(scene), drawn)[kept]
     predicted = predicted_eye_error(scene, drawn, near)[kept]
     for side in (drawn.height[where] > 0, drawn.height[where] < 0):
         assert side.sum() > 300

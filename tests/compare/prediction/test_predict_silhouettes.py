@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from tests.support.long_tail import thinned
-from tests.support.views import SHARED_SCENES, at, view
+from tests.support.views import at, view
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
-from xfrustum.compare.prediction.displacement import TruePoints, displacements
 from xfrustum.compare.prediction.silhouettes import (
     Kind,
     Silhouettes,
@@ -32,7 +30,6 @@ from xfrustum.scenes import (
     SceneObject,
 )
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate import Fit, Offset
 
 FOV = math.radians(60)
@@ -50,11 +47,6 @@ FACTOR = 2.0
 or columns changes whole rows of pixels at once: the measured error is a whole number of rows. The
 predicted error is the mean over all positions of the contour on the grid.
 """
-ENOUGH_PIXELS = (
-    40  #: smallest number of predicted or measured pixels that is compared: forty vary by 16 %
-)
-DISPLACED_PX = (0.1, 5.0)
-"""99th percentiles of displacement, px, for which first order holds and enough pixels change."""
 
 
 def wrong_inside(truth: HogelImage, raster: HogelImage, reference: Reference) -> int:
@@ -72,11 +64,11 @@ def part(corners: Any) -> SceneObject:
     )
 
 
-def scene_of(*parts: SceneObject, pixels: int = 256) -> Scene:
+def scene_of(*parts: SceneObject) -> Scene:
     return Scene(
         name="polygons",
         plate=Plate(size=(1, 1), hogels=(1, 1)),
-        frustum=Frustum(resolution=(pixels, pixels), reach=(200.0, 200.0), fov=(FOV, FOV)),
+        frustum=Frustum(resolution=(256, 256), reach=(200.0, 200.0), fov=(FOV, FOV)),
         objects=parts,
     )
 
@@ -162,71 +154,28 @@ def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
     assert wrong_pixels(silhouettes, DoubleFrustum(near=1.0), scene) == 0
 
 
-def test_surfaces_that_no_camera_draws_are_wrong_pixel_by_pixel() -> None:
-    scene = view("asymmetric", (128, 96))
-    reference = Reference(scene)
-    truth = reference.trace(scene.plate.middle)
-    nearest = float(np.nanmin(np.abs(truth.height)))
-    silhouettes = Silhouettes(truth, scene.frustum)
-    for settings in (
-        DoubleFrustum(near=1e-6, camera=Camera.C),
-        DoubleFrustum(near=1e-6, camera=Camera.C_STAR),
-        DoubleFrustum(near=1.5 * nearest, offset=Offset.NONE),
-    ):
-        drawn = reference.trace_model(scene.plate.middle, settings)
-        measured = wrong_inside(truth, drawn, reference)
-        assert measured > 10
-        assert wrong_pixels(silhouettes, settings, scene) == pytest.approx(
-            measured, abs=1e-2 * measured
-        )
-
-
-@pytest.mark.parametrize("near", [1e-1, 1e-4])
-def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None:
-    scene = view("crossing", (128, 96))
-    reference = Reference(scene)
-    truth = reference.trace(scene.plate.middle)
-    assert (truth.height == 0).mean() > 0.5
-    settings = DoubleFrustum(near=near)
-    drawn = reference.trace_model(scene.plate.middle, settings)
-    # The drawn surface includes points from outside the film.
-    measured = compare_images(truth, drawn, reference).surface_wrong
-    assert wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) == pytest.approx(
-        measured, rel=STAIRS
-    )
-
-
-ALONG_THE_GRID = {"grating"}
-"""Scenes in which all outlines run along pixel rows and columns. The prediction is a mean over all
-positions of a contour on the grid, and does not determine a single measured position.
-"""
-
-
 @pytest.mark.parametrize(
-    "name", thinned((n for n in (*builtin.names(), *SHARED_SCENES) if n not in ALONG_THE_GRID), 5)
+    ("name", "settings"),
+    [
+        ("asymmetric", DoubleFrustum(near=1e-6, camera=Camera.C)),
+        ("asymmetric", DoubleFrustum(near=1e-6, camera=Camera.C_STAR)),
+        ("asymmetric", DoubleFrustum(near=27.0, offset=Offset.NONE)),
+        # A surface passes through the aperture itself.
+        ("crossing", DoubleFrustum(near=1e-1)),
+        ("crossing", DoubleFrustum(near=1e-4)),
+    ],
 )
-def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
-    scene = view(name, (256, 192))
-    reference = Reference(scene)
-    aperture = scene.default_apertures()[-1]
-    truth = reference.trace(aperture)
-    silhouettes = Silhouettes(truth, scene.frustum)
-    ratios = []
-    for near in np.geomspace(3e-2, 3e-5, 7) * scene.frustum.longest_reach:
-        settings = DoubleFrustum(near=float(near))
-        field = displacements(TruePoints.from_image(truth), scene.frustum, settings)
-        moved = np.hypot(field[..., 0], field[..., 1])
-        moved = moved[np.isfinite(moved)]
-        if not (moved.size and DISPLACED_PX[0] <= np.percentile(moved, 99) <= DISPLACED_PX[1]):
-            continue
-        measured = wrong_inside(truth, reference.trace_model(aperture, settings), reference)
-        predicted = wrong_pixels(silhouettes, settings, scene)
-        if max(predicted, measured) < ENOUGH_PIXELS:
-            assert abs(predicted - measured) <= ENOUGH_PIXELS / 2
-            continue
-        ratios.append(predicted / measured)
-    assert ratios or name in {"empty", "truck"}  # nothing to compare: fewer than forty pixels
-    assert all(1 / FACTOR <= ratio <= FACTOR for ratio in ratios)
+def test_surfaces_that_no_camera_draws_are_wrong_pixel_by_pixel(
+    name: str, settings: DoubleFrustum
+) -> None:
+    scene = view(name, (128, 96))
+    reference, middle = Reference(scene), scene.plate.middle
+    truth = reference.trace(middle)
+    drawn = reference.trace_model(middle, settings)
+    measured = compare_images(truth, drawn, reference).surface_wrong
+    assert measured > 10
+    predicted = wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene)
+    assert predicted == pytest.approx(measured, rel=STAIRS if name == "crossing" else 1e-2)
 
 
 @pytest.mark.parametrize("near", [15.0, 1.5])
@@ -242,33 +191,6 @@ def test_pixels_that_two_contours_sweep_are_counted_once(near: float) -> None:
     assert measured / FACTOR <= predicted <= min(truth.triangle.size, measured * FACTOR)
 
 
-@pytest.mark.parametrize("name", ["asymmetric", "car-recentered"])
-@pytest.mark.parametrize(
-    "options", [{"fit": 40.0}, {"slabs": (30.0,), "fit": Fit.ANGLE}, {"slabs": (40.0,)}]
-)
-def test_each_link_is_charged_with_pixels_that_stay_wrong_after_it(
-    name: str, options: dict[str, Any]
-) -> None:
-    """Predicted charges agree with pixel counts in the traced images of the chain."""
-    scene = view(name, (128, 96))
-    reference, aperture = Reference(scene), scene.plate.middle
-    truth = reference.trace(aperture)
-    chain = traced_settings(DoubleFrustum(near=1.0, **options), scene.frustum)
-    images = [reference.trace_model(aperture, settings) for settings in chain]
-    errors = [surface_errors(truth, image, reference) for image in images]
-    wrong = np.stack([error.wrong & ~error.outside & judged_pixels(truth) for error in errors])
-    # A pixel that a later link corrects is charged to no link.
-    to_the_end = [int(wrong[link:].all(axis=0).sum()) for link in range(len(chain))]
-    measured = np.diff(to_the_end, prepend=0)
-    assert to_the_end[0] < wrong[0].sum(), "some of it is put right"
-    charged = Silhouettes(truth, scene.frustum).charged_pixels(chain)
-    for expected, other in zip([*charged, sum(charged)], [*measured, wrong[-1].sum()], strict=True):
-        if max(expected, other) < ENOUGH_PIXELS:
-            assert abs(expected - other) <= ENOUGH_PIXELS / 2
-        else:
-            assert other / FACTOR <= expected <= other * FACTOR
-
-
 @pytest.mark.parametrize("name", thinned(["asymmetric", "car"], 2))
 def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(name: str) -> None:
     """The sum over five images agrees within chance: a few dozen pixels at most."""
@@ -278,12 +200,11 @@ def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(nam
     silhouettes = Silhouettes(truth, scene.frustum)
     measured, predicted = 0, 0.0
     with Rasterizer(scene) as rasterizer:
+        bits = int(rasterizer.device["subpixel_bits"])
         for near in (1e-5, 2e-5, 3e-5, 4e-5, 5e-5):
             settings = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
             drawn = rasterizer.render(aperture, settings, normals=False, color=False)
             measured += wrong_inside(truth, drawn, reference)
-            predicted += silhouettes.snapped_pixels(
-                settings, int(rasterizer.device["subpixel_bits"])
-            )
+            predicted += silhouettes.snapped_pixels(settings, bits)
     chance = 3 * math.sqrt(predicted)
     assert predicted / FACTOR - chance <= measured <= predicted * FACTOR + chance
