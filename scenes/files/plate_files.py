@@ -267,7 +267,7 @@ def find_files(
         except InputError as error:
             problems.append(f"{layout.name}: {error}")
     if candidates:
-        # Among equals `max` returns the first, in the order of layouts.
+        # Among equal candidates `max` returns the first, in the order of layouts.
         return max(
             candidates,
             key=lambda files: (-files.strangers, known is not None and files.shape == known),

@@ -278,7 +278,7 @@ class Channel(StrEnum):
     COLOR = "color"
 
 
-#: Images of a drawn hogel; only a truth has certainty.
+#: Images of a drawn hogel; only certified truths have the channel certainty.
 DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
 
 
