@@ -365,7 +365,7 @@ def _toward_the_back(
 
 
 def _perspective(scene: Scene, tile: PlateTile, screen: Screen, film: tuple[float, float]) -> Pass:
-    """Return the camera at the point of the screen on a pixel's lines in all hogels."""
+    """Return the camera at the point of the screen where a pixel's lines of all hogels meet."""
     lowest, highest = scene.bounds[0][2], scene.bounds[1][2]
     low, high = max(lowest, -scene.frustum.reach[1]), min(highest, scene.frustum.reach[0])
     before = screen.height > 0
