@@ -1,20 +1,21 @@
 """Errors of images against the truth: measured, predicted, explained, and judged.
 
-attribution/     Error budget: wrong pixels charged to links of the chain
-beyond           Definition of a hogel beyond a tolerance
-device/          Rounding of an OpenGL device, from fingerprints and recorded frames
-diagnosis/       Defects of a foreign renderer that explain its errors
-eye/             Views of eyes: loss of the display and of the renderer
-judging/         Hogels of a foreign renderer judged
-metrics/         Truth against image, pixel by pixel and in numbers
-planning/        Settings to draw with: the fewest slabs, then the largest margin
-prediction/      Closed forms of every error, from the geometry of the truth alone
-renderer_model/  Model of a foreign renderer: conventions, geometry, pictures
-rounding/        Bounds of a rasterizer's rounding, and the classifier of causes
-run              Evaluator of many hogels, behind reports, surveys, plans and plates
-sampling         Samples of the hogels of a plate, and bounds for all hogels
-scout            Apertures of a plate that decide the error, from coarse views
-selfcheck/       Truth against brute force in integers
+* attribution: error budget, wrong pixels and radiance errors charged to links of the chain
+* comparison: truth against raster, pixel by pixel and in numbers, with radiance
+* diagnosis: defects of a foreign renderer that explain its errors
+* error_maps: errors of each pixel, and pairs of pictures
+* eye_loss: views replayed to an eye, and the losses of the display and of a renderer
+* fingerprints, recorded: rounding of an OpenGL device, from test pictures and recorded frames
+* judging: hogels of a foreign renderer judged
+* noticeable: near offsets and depth buffers that a viewer notices, in closed form
+* planning: settings to draw with, the fewest slabs and then the largest margin
+* prediction: closed forms of every error, from the geometry of the truth alone
+* rational, selfcheck: independent truth in integers, and the reference compared with it
+* renderer_model: model of a foreign renderer, with conventions, geometry and pictures
+* rounding: bounds of a rasterizer's rounding, and the classifier of causes
+* run: evaluator of many hogels, behind reports, surveys, plans and plates
+* sampling: samples of the hogels of a plate, and bounds on the share beyond a tolerance
+* scout: apertures of a plate that decide the error, from coarse views
 """
 
 import lazy_loader
@@ -23,7 +24,7 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "metrics.comparison": ["Comparison", "compare_images"],
-        "metrics.error_maps": ["ErrorMaps", "HeightError", "Spread"],
+        "comparison": ["Comparison", "compare_images"],
+        "error_maps": ["ErrorMaps", "HeightError", "Spread"],
     },
 )

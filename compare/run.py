@@ -21,10 +21,14 @@ from itertools import chain, islice, pairwise
 from types import MappingProxyType
 from typing import Self, TypeVar
 
-from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
-from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
-from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
-from xfrustum.compare.prediction.predict import Prediction, Predictor
+from xfrustum.compare.attribution import Budget, Cause, ChainStart, charged
+from xfrustum.compare.comparison import Comparison, ComparisonNumbers, compare_images
+from xfrustum.compare.prediction.predict import (
+    Prediction,
+    Predictor,
+    traced_models,
+    with_exact_depth,
+)
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count

@@ -1,4 +1,4 @@
-"""Samples of a plate's hogels, and bounds on the share of all hogels with a property.
+"""Samples of a plate's hogels, and bounds on the share of all hogels beyond a tolerance.
 
 `survey` uses the bound `share_beyond` with the risk `risk_of_claim`; `plan` uses `share_at_most`.
 
@@ -15,6 +15,10 @@ property; no bound is claimed there. The lengths of runs differ by at most one h
 **Growing samples.** Each further sample has twice as many hogels: every run is halved, one half
 contains the sampled hogel, and another hogel is drawn from the other half. Each sample thus has one
 uniform and independent hogel from each run.
+
+**Beyond.** A hogel is beyond the tolerance if the 99th percentile of its displacements exceeds it
+or is undefined, or if more than 1 % of its judged pixels show the wrong surface (`CONVENTIONS.md`,
+"Beyond"). Every command that judges hogels uses this definition.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import scipy
@@ -30,7 +34,45 @@ import scipy
 from xfrustum.scenes.arguments import InputError, real, settle, whole
 from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.plate import Aperture, Plate
-from xfrustum.tolerances import SAMPLED_HOGELS
+from xfrustum.tolerances import MAX_WRONG, SAMPLED_HOGELS
+
+if TYPE_CHECKING:
+    from xfrustum.compare.comparison import ComparisonNumbers
+
+
+PERCENTILE = 99.0  #: percentile of displacement that a tolerance limits
+
+#: Largest share of pixels in the plate itself, where displacement is undefined, that leaves the
+#: percentile defined: the same pixels that the percentile leaves out.
+MAX_UNDEFINED = 1 - PERCENTILE / 100
+
+
+def displacement_p99(numbers: ComparisonNumbers) -> float:
+    """Return a hogel's 99th percentile of displacement, pixels; 0 for a drawing without surface.
+
+    Infinite if the percentile is undefined: if all surfaces lie in the plate itself, or if surfaces
+    in the plate fill more than `MAX_UNDEFINED` of the judged pixels.
+    """
+    spread = numbers.displacement_px
+    if numbers.at_plate > MAX_UNDEFINED * numbers.judged or (numbers.at_plate and spread is None):
+        return math.inf
+    return 0.0 if spread is None else spread.p99
+
+
+def is_beyond(
+    displacement_p99_px: float | None,
+    surface_fraction: float,
+    tolerance_px: float,
+    max_wrong: float = MAX_WRONG,
+) -> bool:
+    """Return whether a hogel is beyond a tolerance.
+
+    A displacement of None or NaN is undefined and counts as beyond.
+    """
+    if displacement_p99_px is None or not math.isfinite(displacement_p99_px):
+        return True
+    return displacement_p99_px > tolerance_px or surface_fraction > max_wrong
+
 
 CONFIDENCE = 0.95  #: probability that the bound on the share of hogels holds
 

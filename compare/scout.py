@@ -17,8 +17,8 @@ from functools import cached_property
 
 import numpy as np
 
-from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths
+from xfrustum.compare.sampling import PERCENTILE
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.images import HogelCamera, HogelImage

@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from xfrustum.reference.averages import averages
 from xfrustum.reference.lines import crossed_frustum, model_cameras
+from xfrustum.reference.pictures import averages
 from xfrustum.reference.proposals import proposed, uncertified
 from xfrustum.reference.tracers import TRACERS, EmbreeTracer, MitsubaTracer, Tracer
 from xfrustum.reference.truth import Reference

@@ -33,9 +33,9 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from xfrustum.reference.backend import padded
 from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.llvm import mitsuba_backend, vector_backend, worker_count
-from xfrustum.reference.memory import padded
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
 from xfrustum.scenes.model.images import NOTHING
 from xfrustum.scenes.model.scene import Scene

@@ -31,11 +31,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.averages import mean_color, points_per_side
+from xfrustum.reference.backend import padded
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.llvm import mitsuba_backend, vector_backend
-from xfrustum.reference.memory import padded
+from xfrustum.reference.pictures import mean_color, points_per_side
 from xfrustum.reference.shading import LINEAR, Shader, ShadowedShader
 from xfrustum.reference.tracers import register_sensor, robust_scene, sensor_parameters, unit_scale
 from xfrustum.scenes.appearance import Environment, Transport

@@ -1,9 +1,9 @@
 """True images: decisions of `certify` for each pixel, with points, normals and color.
 
-An image is decided hogel by hogel, or with all hogels of a tile, direction by direction: one pixel
-of all hogels is certified at once (`certify.directions`), so that the broad phase of the filter
-runs once for each pixel of a hogel, and not once for each hogel. Results are stored by direction,
-and read by hogel.
+An image is decided hogel by hogel, or with all hogels of a tile, direction by direction, with the
+same bits: one pixel of all hogels is certified at once (`certify.directions`), so that the broad
+phase of the filter runs once for each pixel of a hogel, and not once for each hogel. Results are
+stored by direction, and read by hogel. `chosen_order` returns the order with fewer passes.
 """
 
 from __future__ import annotations
@@ -12,20 +12,13 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
 
-from xfrustum.reference.averages import (
-    AVERAGED_PIXELS,
-    TOLERANCE,
-    Converged,
-    averages,
-    converged,
-    mean_color,
-    points_per_side,
-)
+from xfrustum.reference.backend import BAND_PIXELS, WHOLE_PIXELS, bands
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
@@ -36,8 +29,16 @@ from xfrustum.reference.lines import (
     drawn_triangles,
     model_cameras,
 )
-from xfrustum.reference.memory import BAND_PIXELS, WHOLE_PIXELS, bands
-from xfrustum.reference.pictures import Pictures
+from xfrustum.reference.pictures import (
+    AVERAGED_PIXELS,
+    TOLERANCE,
+    Converged,
+    Pictures,
+    averages,
+    converged,
+    mean_color,
+    points_per_side,
+)
 from xfrustum.reference.proposals import SecondOpinion, uncertified
 from xfrustum.reference.shading import Shader
 from xfrustum.reference.tracers import (
@@ -54,7 +55,15 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.effects import Effect, checked
 from xfrustum.scenes.model.images import DirectionImage, HogelCamera, HogelImage, Rendering, stacked
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate import Aperture, Cull, DoubleFrustum, Frustum, PlateTile
+from xfrustum.scenes.plate import (
+    Aperture,
+    ApertureBlocks,
+    Cull,
+    DoubleFrustum,
+    Frustum,
+    Plate,
+    PlateTile,
+)
 
 #: Largest number of pixels of all hogels of a tile, decided at once. A pixel takes 13 bytes, and 16
 #: more with gaps: 440 MB, or 970 MB.
@@ -467,3 +476,64 @@ class Reference:
     def camera(self, aperture: Aperture) -> HogelCamera:
         """Return the true frustum of an aperture, as the aperture's image stores it."""
         return self._pictures.camera(aperture)
+
+
+class TruthBy(StrEnum):
+    """Order in which the pixels of truths are decided."""
+
+    AUTO = "auto"
+    """The order with fewer passes over the scene."""
+    DIRECTIONS = "directions"
+    """A pass for each pixel of a hogel, over all hogels of a tile."""
+    HOGELS = "hogels"
+    """A pass for each hogel."""
+
+
+def chosen_order(
+    order: TruthBy, scene: Scene, *, refusal: str = "", rows: int | None = None
+) -> TruthBy:
+    """Return the order, directions or hogels, for a plate that is judged in tiles of whole rows.
+
+    `refusal` is the reason why hogels must be judged one by one, if there is one; `rows` is the
+    caller's limit of rows in a tile. Raises InputError if `order` is DIRECTIONS and there is a
+    refusal, or a row of hogels exceeds a tile.
+    """
+    columns, plate_rows = scene.plate.hogels
+    pixels = math.prod(scene.frustum.resolution)
+    if order is TruthBy.DIRECTIONS:
+        if refusal:
+            raise InputError(f"--truth-by directions {refusal}")
+        if columns * pixels > TILE_PIXELS:
+            raise InputError(
+                f"--truth-by directions decides whole rows of hogels: {columns:,} hogels of "
+                f"{pixels:,} pixels are more than the {TILE_PIXELS:,} pixels that are held at "
+                "once; use hogels, or fewer pixels"
+            )
+    if refusal or columns * pixels > TILE_PIXELS:
+        return TruthBy.HOGELS
+    if order is not TruthBy.AUTO:
+        return order
+    rows = min(tile_rows(scene.frustum, columns), plate_rows, rows or plate_rows)
+    # A tile takes a pass for each pixel of a hogel, or one for each of its hogels.
+    return TruthBy.DIRECTIONS if rows * columns >= pixels else TruthBy.HOGELS
+
+
+def row_tile(plate: Plate, first: int, stop: int) -> PlateTile:
+    """Return the tile of whole rows of a plate, from `first` to before `stop`."""
+    return PlateTile(plate=plate, columns=range(plate.hogels[0]), rows=range(first, stop))
+
+
+def with_references(
+    reference: Reference, order: TruthBy, apertures: Iterable[Aperture]
+) -> Iterator[tuple[Aperture, Reference]]:
+    """Yield apertures with the reference of their truths; by directions, all of the plate's."""
+    if order is not TruthBy.DIRECTIONS:
+        yield from ((aperture, reference) for aperture in apertures)
+        return
+    plate = reference.scene.plate
+    size = tile_rows(reference.scene.frustum, plate.hogels[0])
+    for first in range(0, plate.hogels[1], size):
+        tile = row_tile(plate, first, min(first + size, plate.hogels[1]))
+        decided = reference.with_tile(tile)
+        for aperture in ApertureBlocks(plate, ((tile.columns, tile.rows),)):
+            yield aperture, decided

@@ -3,7 +3,7 @@
 * blocks: work in this process, by local workers, on a Dask cluster, or in job arrays
 * budget: error of one image link by link, as numbers, text, page and pictures
 * common: outputs, records, templates, pictures and times of all reports
-* conformance: conformance suite of a renderer, from cases to a statement
+* conformance, conformance_cases: conformance suite of a renderer, from cases to a statement
 * cost: error against time of the ways to draw
 * device: rounding of the current OpenGL device, as table, page and model
 * displays: notebook displays of the objects of `scenes` and `compare`

@@ -8,15 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.attribution import radiance_budget
-from xfrustum.compare.attribution.budget import (
-    RIGHT,
-    Budget,
-    BudgetNumbers,
-    LinkNumbers,
-    make_budget,
-)
-from xfrustum.compare.prediction.chain import Chain, make_chain
+from xfrustum.compare import attribution
+from xfrustum.compare.attribution import RIGHT, Budget, BudgetNumbers, LinkNumbers, make_budget
+from xfrustum.compare.prediction.predict import Chain, make_chain
 from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
@@ -68,7 +62,7 @@ class BudgetReport(NotebookRepr):
     #: every wrong pixel, charged to one link of the chain
     geometry: Budget
     #: the error of color, link by link
-    radiance: radiance_budget.RadianceBudget
+    radiance: attribution.RadianceBudget
     #: reason for the choice of the aperture; empty if it was given
     why: str = ""
 
@@ -194,9 +188,9 @@ def budget(
     # Impossible settings fail before minutes of tracing.
     settings.check_against(scene.frustum)
     charged, chain = budget_of(scene, aperture, settings, device)
-    total = radiance_budget.steps(scene)
+    total = attribution.steps(scene)
     with progress_bar(total, "radiance", "image", shown=progress and total > 0) as bar:
-        radiance = radiance_budget.make_radiance_budget(scene, chain, bar.update)
+        radiance = attribution.make_radiance_budget(scene, chain, bar.update)
     return BudgetReport(
         scene=scene,
         aperture=aperture,
@@ -224,12 +218,12 @@ def budget_of(
 IN_ALL = "in all"
 
 
-def _radiance_rows(report: BudgetReport) -> tuple[radiance_budget.RadianceLink, ...]:
+def _radiance_rows(report: BudgetReport) -> tuple[attribution.RadianceLink, ...]:
     """Return the contribution of each link to the radiance error, and the total error."""
     numbers = report.radiance.numbers
     return (
         *numbers.links,
-        radiance_budget.RadianceLink(name=IN_ALL, **vars(numbers.total), standard_error=None),
+        attribution.RadianceLink(name=IN_ALL, **vars(numbers.total), standard_error=None),
     )
 
 

@@ -12,14 +12,14 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.comparison import compare_images
 from xfrustum.compare.planning.ways import (
     TIMED_PASSES,
     PlateWay,
     spread_pixels,
     tile_about,
 )
+from xfrustum.compare.sampling import displacement_p99, is_beyond
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.raster.device.targets import TargetFormat
@@ -116,7 +116,7 @@ class Option(Way):
         return self.label, *times, *errors
 
     def keeps(self, tolerance_px: float) -> bool:
-        """Return whether the errors are within a tolerance (`compare.beyond`)."""
+        """Return whether the errors are within a tolerance (`compare.sampling`)."""
         return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
     def beats(self, other: Option) -> bool:

@@ -7,8 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.device.fingerprints import DeviceRecord, Measured
-from xfrustum.compare.device.recorded import Replayed, read_frames, replay
+from xfrustum.compare.fingerprints import DeviceRecord, Measured
+from xfrustum.compare.recorded import Replayed, read_frames, replay
 from xfrustum.raster.device.context import (
     OLDEST_VERSION,
     describe,

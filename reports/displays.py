@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.metrics.comparison import Comparison
+from xfrustum.compare.comparison import Comparison
 from xfrustum.compare.run import JudgedDrawing, JudgedHogel
 from xfrustum.reports import text
 from xfrustum.reports.notebook import Display, Figure, as_shown, by_height, marked, png

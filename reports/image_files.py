@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.metrics.comparison import Comparison, compare_images
-from xfrustum.compare.metrics.radiance import transported
+from xfrustum.compare.comparison import Comparison, compare_images, transported
 from xfrustum.reference import Reference
 from xfrustum.reference.alone import TracersAlone, judged
-from xfrustum.reference.averages import points_per_side
-from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
+from xfrustum.reference.backend import BAND_PIXELS, PIXEL_BYTES
+from xfrustum.reference.pictures import points_per_side
 from xfrustum.reports.common import pictures as images
 from xfrustum.reports.common.outputs import progress_bar, unexamined_truth, write_files
 from xfrustum.scenes import Aperture, HogelCamera, InputError, Scene, open_scene

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from xfrustum.compare.error_maps import displacement, judged_pixels, lengths
 from xfrustum.compare.judging.judged import Figures
-from xfrustum.compare.metrics.error_maps import displacement, judged_pixels, lengths
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.reports.common import pictures
 from xfrustum.reports.common.templates_environment import address, html_page

@@ -13,13 +13,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from xfrustum.compare.eye.noticeable import (
-    MILLIMETERS,
-    Display,
-    Viewer,
-    blur_arcmin,
-    eyes_apart,
-)
+from xfrustum.compare.noticeable import MILLIMETERS, Display, Viewer, blur_arcmin, eyes_apart
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, plan_apertures
 from xfrustum.compare.planning.requirement import (
     CRACK,

@@ -24,7 +24,7 @@ from xfrustum.compare.sampling import (
     SampleRequest,
     places_of,
 )
-from xfrustum.compare.truths import TruthBy, chosen_order
+from xfrustum.reference.truth import TruthBy, chosen_order
 from xfrustum.reports import inspection, survey_rows
 from xfrustum.reports.blocks import Engine, blocks_of, open_workers
 from xfrustum.reports.common.outputs import (
@@ -296,7 +296,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
 ) -> Survey:
     """Judge hogels all over a plate; write survey.parquet, survey.json and the pages.
 
-    Every hogel is drawn with each setting; `compare.beyond` defines the hogels beyond
+    Every hogel is drawn with each setting; `compare.sampling` defines the hogels beyond
     `tolerance_px`. `tracer` gives a second opinion on the truth. `truth_by` is the order in which
     truths are computed; it changes no row. `engine` judges the hogels, by default in one process
     per processor. `note` receives sentences.

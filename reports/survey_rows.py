@@ -15,12 +15,11 @@ from typing import Self
 import numpy as np
 import pyarrow as pa
 
-from xfrustum.compare.attribution.budget import CauseNumbers
-from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.compare.attribution import CauseNumbers
+from xfrustum.compare.comparison import ComparisonNumbers
 from xfrustum.compare.run import Evaluator, JudgedDrawing
-from xfrustum.compare.truths import TruthBy, row_tile
-from xfrustum.reference.truth import tile_rows
+from xfrustum.compare.sampling import displacement_p99, is_beyond
+from xfrustum.reference.truth import TruthBy, row_tile, tile_rows
 from xfrustum.reports.blocks import HogelBlock, HogelJob, device_index
 from xfrustum.reports.common.pictures import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.common.records import named_columns, table_of
@@ -83,7 +82,7 @@ class Device:
 class SurveyRow:
     """Row of a hogel and a setting: the measures of `report`, and errors by cause.
 
-    `beyond` (`compare.beyond`) also includes wrong surfaces, because displacement does not reveal
+    `beyond` (`compare.sampling`) also includes wrong surfaces, because displacement does not reveal
     z-fighting or a missing object: every visible point may lie in its place.
     """
 

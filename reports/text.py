@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share
+from xfrustum.compare.comparison import ComparisonNumbers, Share
 from xfrustum.compare.prediction.reasons import MIN_PIXELS, Reason, Reasons
 from xfrustum.scenes import Scene
 from xfrustum.scenes.arguments import InputError
@@ -33,7 +33,7 @@ from xfrustum.scenes.representation import counted, digits, percent, plain, side
 
 if TYPE_CHECKING:
     from xfrustum.compare.run import JudgedDrawing
-    from xfrustum.compare.selfcheck.selfcheck import SelfCheck, ViewCheck
+    from xfrustum.compare.selfcheck import SelfCheck, ViewCheck
 
 
 SENTENCES = {
@@ -311,7 +311,7 @@ def facing_warnings(scene: Scene) -> tuple[str, ...]:
 
     The middle aperture and the plate's corners are traced, without certificates.
     """
-    from xfrustum.compare.metrics.error_maps import turned_away  # noqa: PLC0415 - loads SciPy
+    from xfrustum.compare.error_maps import turned_away  # noqa: PLC0415 - loads SciPy
     from xfrustum.reference import Reference  # noqa: PLC0415 - loads ray tracers
 
     coarse = replace(scene, frustum=replace(scene.frustum, resolution=FACING_RESOLUTION))

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from xfrustum.compare.eye import loss
-from xfrustum.compare.eye.noticeable import moves_rigidly
+from xfrustum.compare import eye_loss
+from xfrustum.compare.noticeable import moves_rigidly
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.reference.eye import EyeReference
@@ -72,7 +72,7 @@ class Source:
     settings: DoubleFrustum | None
     #: function that yields the hogels of some parts in order; pixels outside of the parts have no
     #: meaning
-    hogels: Callable[[loss.FilmParts], Iterator[loss.DrawnHogel]]
+    hogels: Callable[[eye_loss.FilmParts], Iterator[eye_loss.DrawnHogel]]
 
 
 def drawing(
@@ -84,11 +84,11 @@ def drawing(
     """
     settings.check_against(scene.frustum)
     once = replace(scene, sampling=Sampling())
-    content = PlateContent(color=loss.DEFAULT_COLOR, ids=True, effects=effects)
+    content = PlateContent(color=eye_loss.DEFAULT_COLOR, ids=True, effects=effects)
 
-    def hogels(parts: loss.FilmParts) -> Iterator[loss.DrawnHogel]:
+    def hogels(parts: eye_loss.FilmParts) -> Iterator[eye_loss.DrawnHogel]:
         with PlateRenderer(once, settings, content) as renderer:
-            yield from loss.drawn_hogels(renderer, parts)
+            yield from eye_loss.drawn_hogels(renderer, parts)
 
     name = f"near {settings.near:g} {scene.units}, {settings.depth_label}"
     return Source(name=name, settings=settings, hogels=hogels)
@@ -111,7 +111,7 @@ def stored_plate(path: Path, scene: Scene) -> Source:
     if COLOR not in names:
         raise InputError(f"{path}: has no color; draw the plate again with color")
 
-    def hogels(parts: loss.FilmParts) -> Iterator[loss.DrawnHogel]:
+    def hogels(parts: eye_loss.FilmParts) -> Iterator[eye_loss.DrawnHogel]:
         # Missing hogels are refused before the first view is computed.
         if missing := [i for i in parts if not plate.finished(scene.plate.aperture(*i))]:
             raise InputError(
@@ -120,7 +120,9 @@ def stored_plate(path: Path, scene: Scene) -> Source:
             )
         for index in parts:
             arrays = {name: plate.image(name, *index) for name in names}
-            yield loss.DrawnHogel(index=index, color=arrays[COLOR], triangle=arrays.get(TRIANGLE))
+            yield eye_loss.DrawnHogel(
+                index=index, color=arrays[COLOR], triangle=arrays.get(TRIANGLE)
+            )
 
     return Source(name=path.name, settings=settings, hogels=hogels)
 
@@ -129,7 +131,7 @@ def image_files(pattern: str, scene: Scene, encoding: Encoding = Encoding.RGB) -
     """Return hogels from files of any renderer, as in `verify`; {i} is the column, {j} the row."""
     files = Files(pattern=pattern, reference=Reference(scene), encoding=encoding)
 
-    def hogels(parts: loss.FilmParts) -> Iterator[loss.DrawnHogel]:
+    def hogels(parts: eye_loss.FilmParts) -> Iterator[eye_loss.DrawnHogel]:
         apertures = [scene.plate.aperture(*index) for index in parts]
         files.check(apertures)
         for aperture in apertures:
@@ -146,7 +148,7 @@ def image_files(pattern: str, scene: Scene, encoding: Encoding = Encoding.RGB) -
             named = image.color is None or bool(
                 ((image.triangle != NOTHING) | (image.object != NOTHING)).any()
             )
-            yield loss.DrawnHogel(
+            yield eye_loss.DrawnHogel(
                 index=aperture.index,
                 color=image.color,
                 triangle=image.triangle if named else None,
@@ -166,12 +168,12 @@ class EyeRecord:
     #: resolution at the middle of the eye's view
     pixels_per_degree: float
     #: loss by replaying the true view (A against B)
-    display: loss.Loss
+    display: eye_loss.Loss
     #: loss by the renderer's hogels (B against C)
-    renderer: loss.Loss | None
+    renderer: eye_loss.Loss | None
 
     @property
-    def losses(self) -> dict[str, loss.Loss]:
+    def losses(self) -> dict[str, eye_loss.Loss]:
         """Known losses by their cause."""
         both = {"display": self.display, "renderer": self.renderer}
         return {name: lost for name, lost in both.items() if lost is not None}
@@ -191,12 +193,12 @@ class ViewRecord:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class JudgedViews(loss.Views):
+class JudgedViews(eye_loss.Views):
     """Pictures of one eye with their loss maps."""
 
-    display: loss.LossMaps
+    display: eye_loss.LossMaps
     #: None without a renderer
-    renderer: loss.LossMaps | None
+    renderer: eye_loss.LossMaps | None
 
     @property
     def images(self) -> dict[str, EyeImage]:
@@ -275,30 +277,30 @@ def view(
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")
     # Raise for too small a view before anything is traced.
-    sharpness = [loss.pixels_per_degree(scene, eye) for eye in eyes]
+    sharpness = [eye_loss.pixels_per_degree(scene, eye) for eye in eyes]
     reference = EyeReference(scene, effects)
     takes = [reference.replay(eye) for eye in eyes]
-    parts = loss.film_parts(takes)
+    parts = eye_loss.film_parts(takes)
     drawn: Sequence[EyeImage | None] = [None] * len(eyes)
     numbered = False
     if source is not None:
         # All eyes share one pass over the hogels, the most expensive step.
         collectors = [
-            loss.Collector(scene, eye, taken, source.settings)
+            eye_loss.Collector(scene, eye, taken, source.settings)
             for eye, taken in zip(eyes, takes, strict=True)
         ]
         with progress_bar(len(parts), "hogels", "hogel", shown=progress) as bar:
             bar.iterable = source.hogels(parts)
-            drawn = loss.collected(bar, collectors)
+            drawn = eye_loss.collected(bar, collectors)
         numbered = any(collector.numbered for collector in collectors)
     views, records = [], []
     with progress_bar(len(eyes), "eyes", "eye", shown=progress) as bar:
         for eye, taken, image, pixels in zip(eyes, takes, drawn, sharpness, strict=True):
             true, replayed = reference.true_view(eye), reference.replayed(eye)
-            seen = loss.Views(true=true, replayed=replayed, drawn=image, taken=taken)
-            display, renderer = loss.display_loss(reference, seen), None
+            seen = eye_loss.Views(true=true, replayed=replayed, drawn=image, taken=taken)
+            display, renderer = eye_loss.display_loss(reference, seen), None
             if image is not None:
-                renderer = loss.renderer_loss(reference, seen, numbered=numbered)
+                renderer = eye_loss.renderer_loss(reference, seen, numbered=numbered)
             views.append(JudgedViews(**vars(seen), display=display, renderer=renderer))
             record = EyeRecord(
                 eye=eye.position,

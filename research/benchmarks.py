@@ -19,7 +19,7 @@ from tqdm import tqdm
 from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
+from xfrustum.compare.comparison import ComparisonNumbers, compare_images
 from xfrustum.compare.planning.ways import spread_pixels
 from xfrustum.compare.run import Evaluator
 from xfrustum.raster import Rasterizer

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.eye import noticeable
+from xfrustum.compare import noticeable
 from xfrustum.compare.planning.requirement import SEPARATION_PER_REACH, seen_content
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.scout import PlateScan, scout

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.eye import loss
-from xfrustum.compare.eye.noticeable import ARCSEC_PER_RADIAN, Display, Viewer, eyes_apart
-from xfrustum.compare.prediction.chain import with_exact_depth
+from xfrustum.compare import eye_loss
+from xfrustum.compare.noticeable import ARCSEC_PER_RADIAN, Display, Viewer, eyes_apart
+from xfrustum.compare.prediction.predict import with_exact_depth
 from xfrustum.reference.eye import EyeReference
 from xfrustum.reference.lines import pixel_places
 from xfrustum.reports.view import drawing
@@ -56,7 +56,7 @@ class ReplayWorkbench:
         self._scene = scene
         self._reference = EyeReference(scene)
         self._views = [
-            loss.Views(
+            eye_loss.Views(
                 true=self._reference.true_view(eye, shaded=False),
                 replayed=self._reference.replayed(eye, shaded=False),
                 drawn=None,
@@ -91,25 +91,27 @@ class ReplayWorkbench:
             judged=judged,
         )
 
-    def _drawn(self, settings: DoubleFrustum) -> list[loss.Views]:
+    def _drawn(self, settings: DoubleFrustum) -> list[eye_loss.Views]:
         collectors = [
-            loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views
+            eye_loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views
         ]
-        parts = loss.film_parts(view.taken for view in self._views)
-        images = loss.collected(drawing(self._scene, settings).hogels(parts), collectors)
+        parts = eye_loss.film_parts(view.taken for view in self._views)
+        images = eye_loss.collected(drawing(self._scene, settings).hogels(parts), collectors)
         return [replace(view, drawn=image) for view, image in zip(self._views, images, strict=True)]
 
-    def _wrong(self, views: Sequence[loss.Views]) -> list[Mask]:
+    def _wrong(self, views: Sequence[eye_loss.Views]) -> list[Mask]:
         """Return the judged pixels with a wrong surface, for each eye."""
         masks = []
         for view in views:
-            maps = loss.renderer_loss(self._reference, view, numbered=True)
+            maps = eye_loss.renderer_loss(self._reference, view, numbered=True)
             assert maps.wrong is not None
             masks.append(maps.wrong[maps.judged])
         return masks
 
 
-def disparity_errors(reference: EyeReference, left: loss.Views, right: loss.Views) -> Floats:
+def disparity_errors(
+    reference: EyeReference, left: eye_loss.Views, right: eye_loss.Views
+) -> Floats:
     """Return shown minus true disparity of a renderer's hogels by pixel of the left eye, radians.
 
     The eyes differ in x alone; NaN at pixels whose surface point the right eye does not see. The
@@ -121,7 +123,7 @@ def disparity_errors(reference: EyeReference, left: loss.Views, right: loss.View
     images, errors = [], []
     for views in (left, right):
         assert views.drawn is not None
-        place = loss.shown_at(reference.scene, views.taken, views.drawn) - views.drawn.position
+        place = eye_loss.shown_at(reference.scene, views.taken, views.drawn) - views.drawn.position
         with np.errstate(divide="ignore", invalid="ignore"):
             errors.append(place[..., 0] / (height - views.drawn.position[..., 2]))
         images.append(views.drawn)

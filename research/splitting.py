@@ -17,13 +17,13 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from scipy.optimize import brentq
 
-from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.metrics.error_maps import judged_pixels, lengths, surface_errors
+from xfrustum.compare.comparison import compare_images
+from xfrustum.compare.error_maps import judged_pixels, lengths, surface_errors
 from xfrustum.compare.planning.views import SheetFilm, SheetPair
-from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS as BY_FRAGMENT
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, spread_of
+from xfrustum.compare.prediction.predict import with_exact_depth
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import model_cameras

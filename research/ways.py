@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.beyond import displacement_p99
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.comparison import compare_images
 from xfrustum.compare.planning import ways
 from xfrustum.compare.planning.ways import PlateWay
+from xfrustum.compare.sampling import displacement_p99
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import HERE, Engine, open_workers

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from tests.support.moved_scene import MovedScene, moved_scene
 
-from xfrustum.compare.eye.loss import LossMaps, Views, display_loss
+from xfrustum.compare.eye_loss import LossMaps, Views, display_loss
 from xfrustum.reference.eye import EyeReference
 from xfrustum.reports.view import drawing, shown, view
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, open_scene

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 from tests.support.link_sums import LinkSum, sums_by_link
 from tests.support.views import SHARED, reversed_d32f, view
-from xfrustum.compare.attribution.budget import Budget, make_budget
-from xfrustum.compare.prediction.chain import make_chain
+from xfrustum.compare.attribution import Budget, make_budget
+from xfrustum.compare.prediction.predict import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Scene, open_scene

@@ -7,9 +7,9 @@
 | module | holds |
 | --- | --- |
 | `diagnosis` | the procedure from images to findings, and the test on all judged hogels |
-| `testset` | images by which candidate models are tested |
+| `testset` | claims of pixels, and the images by which candidate models are tested |
 | `encodings` | readings of stored pixels: encoding, channels, offset, transfer, damage |
-| `geometry_fit` | claims of pixels, and the joint fit of conventions and numbers to them |
+| `geometry_fit` | the joint fit of conventions and numbers to the claims |
 | `registration` | the fit to pictures without triangle numbers |
 | `enumeration` | composition of the halves, films, axes, equivalent models |
 | `defects` | records of named defects, in codes and numbers |

@@ -14,7 +14,6 @@ from itertools import chain
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.claims import PixelClaims, claims_of, outside_px
 from xfrustum.compare.diagnosis.defects import (
     MISTAKEN_UNITS,
     SHADINGS,
@@ -33,7 +32,13 @@ from xfrustum.compare.diagnosis.enumeration import (
 )
 from xfrustum.compare.diagnosis.geometry_fit import LENSES, GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register, with_near
-from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet
+from xfrustum.compare.diagnosis.testset import (
+    MIN_EXPLAINED_FRACTION,
+    PixelClaims,
+    TestSet,
+    claims_of,
+    outside_px,
+)
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.judging.verdict import Hogel
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS

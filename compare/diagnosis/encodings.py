@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.claims import PixelClaims, claims_of, outside_px
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
-from xfrustum.compare.diagnosis.testset import spread
+from xfrustum.compare.diagnosis.testset import PixelClaims, claims_of, outside_px, spread
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import (

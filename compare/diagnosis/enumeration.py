@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.diagnosis.claims import claims_of, outside_px
 from xfrustum.compare.diagnosis.defects import FLAT, HYPOTHESES, NEAREST, NOT_OVERLAID, Hypothesis
 from xfrustum.compare.diagnosis.geometry_fit import (
     MAX_FITTED_CLAIMS,
@@ -21,7 +20,13 @@ from xfrustum.compare.diagnosis.geometry_fit import (
     fit_geometry,
 )
 from xfrustum.compare.diagnosis.registration import with_near
-from xfrustum.compare.diagnosis.testset import MIN_OUTLYING_FRACTION, TestSet, shows
+from xfrustum.compare.diagnosis.testset import (
+    MIN_OUTLYING_FRACTION,
+    TestSet,
+    claims_of,
+    outside_px,
+    shows,
+)
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import (
     EVEN,

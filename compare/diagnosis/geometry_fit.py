@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares, linprog
 
-from xfrustum.compare.diagnosis.claims import PixelClaims, inside_px, outside_px
+from xfrustum.compare.diagnosis.testset import PixelClaims, inside_px, outside_px
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,

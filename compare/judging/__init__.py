@@ -2,9 +2,8 @@
 
 | module | holds |
 | --- | --- |
-| `verdict` | the verdict engine: limits, checks, and the verdict on images |
+| `verdict` | the verdict engine: limits, checks, places of wrong pixels, verdicts on images |
 | `judged` | figures of one image beside the answer of a model |
 | `outlines` | outlines of pictures in any shading: course, gaps, displacement |
-| `where` | places of wrong pixels |
 | `conformance` | cases of the conformance suite |
 """

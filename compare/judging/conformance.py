@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.error_maps import existing_triangles
 from xfrustum.compare.judging.judged import ANY_DEVICE, foreign_cameras
-from xfrustum.compare.metrics.error_maps import existing_triangles
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,

@@ -1,10 +1,10 @@
 """One hogel of a foreign renderer, compared with a model: the truth, or the author's statements.
 
-In `xfrustum.compare.metrics`, `compare_images` compares a truth with a drawn image that has
+In `xfrustum.compare.comparison`, `compare_images` compares a truth with a drawn image that has
 surfaces and their points; the arithmetic is the same here. A foreign image may be turned, may
 contain triangle numbers that do not exist, or may have only colors. Its model may have two offset
 cameras with near planes at the plate; the front camera's image then covers the other image. In this
-module colors are right or wrong within a tolerance; in `metrics` their error is measured.
+module colors are right or wrong within a tolerance; in `comparison` their error is measured.
 """
 
 from __future__ import annotations
@@ -17,6 +17,20 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from xfrustum.compare.error_maps import (
+    Spread,
+    SurfaceErrors,
+    beyond_storage,
+    covered_by,
+    existing_triangles,
+    floating_pixels,
+    hidden_pixels,
+    judged_pixels,
+    lengths,
+    other_surfaces,
+    outside_film,
+    pixel_centers,
+)
 from xfrustum.compare.judging.outlines import (
     MAX_EDGE_CONTRAST,
     MIN_EDGE_CONTRAST,
@@ -31,24 +45,9 @@ from xfrustum.compare.judging.outlines import (
     true_outlines,
     unlike_shading,
 )
-from xfrustum.compare.metrics.error_maps import (
-    Spread,
-    SurfaceErrors,
-    beyond_storage,
-    covered_by,
-    existing_triangles,
-    floating_pixels,
-    hidden_pixels,
-    judged_pixels,
-    lengths,
-    other_surfaces,
-    outside_film,
-    pixel_centers,
-)
 from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, Front, RendererModel, unflipped
-from xfrustum.compare.rounding.causes import HEADINGS, Causes, find_causes
-from xfrustum.compare.rounding.directions import DirectionPlate
+from xfrustum.compare.rounding.causes import HEADINGS, Causes, DirectionPlate, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Mask, Singles
@@ -534,7 +533,7 @@ def wrong_surfaces(
     *,
     placed: bool,
 ) -> SurfaceErrors:
-    """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.error_maps`.
+    """Return the pixels that show the wrong surface: see `xfrustum.compare.error_maps`.
 
     A point belongs outside the film if its own camera draws it beyond the border. It is hidden if
     its own camera's line meets another surface first, or if it lies behind the plate and the answer

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from xfrustum.compare.metrics.error_maps import Spread, true_lines
+from xfrustum.compare.error_maps import Spread, true_lines
 from xfrustum.compare.prediction.silhouettes import Kind, contours
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.images import NOTHING, HogelImage

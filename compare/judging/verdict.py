@@ -1,20 +1,26 @@
-"""The verdict engine: figures of hogel images, and the limits that they keep or exceed.
+"""The verdict engine: figures of hogel images, places of wrong pixels, limits kept or exceeded.
 
-`Hogel.from_figures` makes the verdict on one image, and `Verdict` is the verdict on a plate.
-Sentences about verdicts are made in `xfrustum.reports.verification.words`.
+`Hogel.from_figures` makes the verdict on one image, and `Verdict` is the verdict on a plate. Places
+are the side of the plate, object, hogel, and distance from outlines. Sentences about verdicts are
+made in `xfrustum.reports.verification.words`.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Self
+from pathlib import PurePath
+from typing import Any, Self
 
-from xfrustum.compare.beyond import is_beyond
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from xfrustum.compare.error_maps import covered_by
 from xfrustum.compare.judging.judged import (
+    COLOR_ONLY,
     MAX_MISSING_OUTLINES,
     ColorFigures,
     Figures,
@@ -23,11 +29,95 @@ from xfrustum.compare.judging.judged import (
     MeasuredBy,
     SurfaceFigures,
 )
-from xfrustum.compare.judging.where import Places, places_of
+from xfrustum.compare.judging.outlines import steps_of
 from xfrustum.compare.renderer_model.drawn_model import EVEN, RendererModel
+from xfrustum.compare.renderer_model.pictures import shows_something
+from xfrustum.compare.sampling import is_beyond
 from xfrustum.scenes.arguments import InputError, real
+from xfrustum.scenes.model.images import NOTHING
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
+
+DISTANCES_PX = (1.5, 4.5)
+"""Upper ends of the distance ranges, px: pixels next to an outline, and its surroundings."""
+
+Places = dict[str, tuple[int, int]]
+"""Numbers of wrong pixels and of pixels where image or truth shows something, by place."""
+
+
+def places_of(figures: Figures) -> Places:
+    """Return the places of the wrong pixels of one hogel."""
+    answer, error = figures.answer, figures.error
+    # Plain pictures identify no surfaces: pixels that are not black count as shown.
+    shows = shows_something if figures.numbers.by in COLOR_ONLY else covered_by
+    covered = shows(figures.image)
+    shown = answer.covered | covered | error
+    across, down = steps_of(answer.object)
+    outline = np.pad(across > 0, ((0, 0), (0, 1))) | np.pad(down > 0, ((0, 1), (0, 0)))
+    apart = distance_transform_edt(~outline) if outline.any() else np.full(outline.shape, np.inf)
+    near, far = DISTANCES_PX
+    masks = {
+        "side/front": answer.height > 0,
+        "side/back": answer.height <= 0,
+        "side/nothing": ~answer.covered,
+        "distance/within 1 px": apart <= near,
+        "distance/2 to 4 px": (apart > near) & (apart <= far),
+        "distance/farther": apart > far,
+        "shown/nothing": ~covered,
+    }
+    for number in np.unique(answer.object[answer.object != NOTHING]).tolist():
+        masks[f"object/{number}"] = answer.object == number
+    return {
+        name: (int((mask & error).sum()), int((mask & shown).sum())) for name, mask in masks.items()
+    }
+
+
+def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict[str, Any] | None:
+    """Return wrong and shown pixels of all hogels by place; None if none is wrong."""
+    wrong, shown = Counter[str](), Counter[str]()
+    for aperture, places in hogels:
+        sides = [count for name, count in places.items() if name.startswith("side/")]
+        total = (sum(camera for camera, _ in sides), sum(camera for _, camera in sides))
+        lines = {f"row/{aperture.row}": total, f"column/{aperture.column}": total}
+        for name, (bad, of) in (places | lines).items():
+            wrong[name] += bad
+            shown[name] += of
+    if not any(wrong.values()):
+        return None
+    shares: dict[str, Any] = {}
+    for name in sorted(shown, key=lambda entry: (entry.split("/")[0], shown[entry] == 0)):
+        group, place = name.split("/")
+        if group == "object":
+            place = f"{place} ({PurePath(scene.objects[int(place)].name).stem})"
+        if shown[name]:
+            share = wrong[name] / shown[name]
+            counts = {"wrong": wrong[name], "shown": shown[name], "fraction": share}
+            shares.setdefault(group, {})[place] = counts
+    return shares
+
+
+def wrong_counts(scene: Scene, hogels: Sequence[tuple[Aperture, Places]]) -> dict[str, Any] | None:
+    """Return the numbers of wrong pixels, `where` of `verify --json`; None if nothing is wrong.
+
+    `front` is the content in front of the plate, drawn by C*. `hogels` has a list for each row of
+    the plate, with None for hogels that were not judged; `shares` is the result of `where_wrong`.
+    """
+    shares = where_wrong(scene, hogels)
+    if shares is None:
+        return None
+    columns, rows = scene.plate.hogels
+    plate: list[list[int | None]] = [[None] * columns for _ in range(rows)]
+    for aperture, places in hogels:
+        wrong = (count for name, (count, _) in places.items() if name.startswith("side/"))
+        plate[aperture.row][aperture.column] = sum(wrong)
+    sides, objects = (
+        {place: counts["wrong"] for place, counts in shares.get(group, {}).items()}
+        for group in ("side", "object")
+    )
+    sides = {"front": 0, "back": 0} | sides
+    return {"sides": sides, "objects": objects, "hogels": plate, "shares": shares}
+
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
 INVALID, MISSING = "claims of what does not exist", "missing outlines"
@@ -89,7 +179,7 @@ class Limits:
             )
 
     def checks(self, figures: Figures, excused: int = 0) -> tuple[Check, ...]:
-        """Compare figures with the limits (`compare.beyond`); `excused` wrong pixels do not count.
+        """Compare figures with the limits (`is_beyond`); `excused` wrong pixels do not count.
 
         Shares are of the shown pixels, so that empty film does not dilute them. A single wrong
         pixel does not count as a share, unless the limit is 0. Displacement is not required of an

@@ -14,9 +14,9 @@ from itertools import product
 
 import numpy as np
 
-from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.eye import noticeable
+from xfrustum.compare import noticeable
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.sampling import is_beyond
 from xfrustum.compare.scout import PlateScan
 from xfrustum.reference.lines import film_window
 from xfrustum.scenes.arguments import InputError, real, settle
@@ -102,7 +102,7 @@ class Errors:
     depth_wrong: float
 
     def beyond(self, tolerance_px: float) -> bool:
-        """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
+        """Return whether a hogel is beyond a tolerance; see `compare.sampling`."""
         return is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
 

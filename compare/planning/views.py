@@ -24,13 +24,13 @@ from statistics import NormalDist
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from xfrustum.compare.beyond import PERCENTILE, displacement_p99
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.comparison import compare_images
 from xfrustum.compare.planning.requirement import Errors, Quality, Requirement, worst_errors
 from xfrustum.compare.prediction import depth
-from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab
+from xfrustum.compare.prediction.predict import with_exact_depth
 from xfrustum.compare.run import NO_TRUTHS, Evaluator, FrameRequest
+from xfrustum.compare.sampling import PERCENTILE, displacement_p99
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import ExactCamera, model_cameras

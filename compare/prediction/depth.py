@@ -220,7 +220,7 @@ class DepthLayers:
     ) -> DepthLayers:
         """Return the layers of a true image and its gaps, (H, W), from `Reference.gaps`."""
         # This import loads the reference and its tracers, which the command `check` must not need.
-        from xfrustum.compare.metrics.error_maps import judged_pixels  # noqa: PLC0415
+        from xfrustum.compare.error_maps import judged_pixels  # noqa: PLC0415
 
         judged, height = judged_pixels(truth).ravel(), truth.height.astype(np.float64).ravel()
         every = Surfaces(

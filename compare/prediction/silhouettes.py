@@ -34,14 +34,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from xfrustum.compare.metrics.error_maps import judged_pixels, true_lines
+from xfrustum.compare.error_maps import judged_pixels, true_lines
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
     displacements,
     in_first_slab,
     is_drawn,
 )
-from xfrustum.compare.rounding.positions import POSITION_TOLERANCE
+from xfrustum.compare.rounding.triangles import POSITION_TOLERANCE
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene

@@ -20,7 +20,6 @@ from xfrustum.compare.renderer_model.drawn_model import (
     unflipped,
 )
 from xfrustum.reference import Reference
-from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
 from xfrustum.reference.lines import (
     RayBundle,
@@ -30,7 +29,7 @@ from xfrustum.reference.lines import (
     plane_places,
     triangle_normals,
 )
-from xfrustum.reference.pictures import Layer, overlaid
+from xfrustum.reference.pictures import Layer, averages, overlaid
 from xfrustum.reference.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.files.pictures import is_picture

@@ -10,8 +10,13 @@ from typing import NamedTuple, assert_never
 
 import numpy as np
 
-from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
-from xfrustum.compare.rounding.triangles import AFTER_NEXT, NEXT, FilmTriangles, PixelTriangles
+from xfrustum.compare.rounding.triangles import (
+    AFTER_NEXT,
+    FLOAT32_ROUNDING,
+    NEXT,
+    FilmTriangles,
+    PixelTriangles,
+)
 from xfrustum.reference.lines import RayBundle
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.plate import DepthMapping

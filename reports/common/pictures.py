@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.measure import block_reduce
 
-from xfrustum.compare.prediction.chain import CULLING
-from xfrustum.compare.rounding.positions import (
+from xfrustum.compare.prediction.predict import CULLING
+from xfrustum.compare.rounding.triangles import (
     FLOAT32_ROUNDING,
     POSITION_ROUNDINGS,
     largest_tolerance,
@@ -30,7 +30,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.representation import LEVELS, encoding_curve
 
 if TYPE_CHECKING:
-    from xfrustum.compare.metrics.comparison import Comparison
+    from xfrustum.compare.comparison import Comparison
     from xfrustum.scenes.model.scene import Scene
 
 DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
@@ -92,7 +92,7 @@ def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
     """Return both ends of the scale of height errors, as fractions of the longest reach.
 
     Errors below the lower end are white. The lower end is the largest rounding error of a 32-bit
-    surface point at the distance of the reach (`compare.rounding.positions`), rounded up to 1, 2 or
+    surface point at the distance of the reach (`compare.rounding.triangles`), rounded up to 1, 2 or
     5 times a power of ten. With a scene, the distance is at least the scene's largest coordinate.
     """
     rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING

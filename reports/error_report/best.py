@@ -12,14 +12,13 @@ from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import TypeVar
 
-from xfrustum.compare.attribution.budget import Cause, CauseNumbers
-from xfrustum.compare.beyond import displacement_p99
-from xfrustum.compare.metrics.comparison import ComparisonNumbers
-from xfrustum.compare.metrics.error_maps import PixelSet, Spread, is_worse
-from xfrustum.compare.prediction.chain import links_of
-from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.compare.attribution import Cause, CauseNumbers
+from xfrustum.compare.comparison import ComparisonNumbers
+from xfrustum.compare.error_maps import PixelSet, Spread, is_worse
+from xfrustum.compare.prediction.predict import Prediction, Separations, links_of
 from xfrustum.compare.prediction.reasons import Reasons
 from xfrustum.compare.run import StageTimes
+from xfrustum.compare.sampling import displacement_p99
 from xfrustum.reports.common.pictures import CAUSE_COLORS
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.plotting import COLORS, INK, Figure, log_axis, look, styled, titled
@@ -118,7 +117,7 @@ class Measurement:
 
     @property
     def displacement_p99_px(self) -> float:
-        """99th percentile of displacement; see `compare.beyond.displacement_p99`."""
+        """99th percentile of displacement; see `compare.sampling.displacement_p99`."""
         return displacement_p99(self.comparison)
 
     def wrong_share(self, kind: str) -> float:
@@ -242,7 +241,7 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     shaded. The third keeps settings displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is
     more, by the least displacement plus `DISPLACEMENT_TIE_PX`. One setting is worse than another if
     it has more wrong pixels by more than `SURFACE_TIE_FRACTION` and beyond chance
-    (`compare.metrics.error_maps`). The worst aperture counts.
+    (`compare.error_maps`). The worst aperture counts.
     """
     candidates = grouped(rows, lambda row: row.settings)
     tests = max(len(candidates) - 1, 1)

@@ -14,9 +14,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.metrics.error_maps import CONFIDENCE
-from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
+from xfrustum.compare.comparison import PIXELS_PER_DEGREE
+from xfrustum.compare.error_maps import CONFIDENCE
+from xfrustum.compare.sampling import is_beyond
 from xfrustum.compare.scout import FILM_PIXELS, AutoApertures
 from xfrustum.reference import alone
 from xfrustum.reports import inspection

@@ -12,9 +12,9 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from xfrustum.compare.metrics.error_maps import PixelSet
-from xfrustum.compare.metrics.radiance import STEP, LeftOutNumbers, measure_left_out
-from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
+from xfrustum.compare.comparison import STEP, LeftOutNumbers, measure_left_out
+from xfrustum.compare.error_maps import PixelSet
+from xfrustum.compare.prediction.displacement import measured_eye_error, predicted_eye_error
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame, images_under_way, in_order
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer

@@ -16,8 +16,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import pyarrow as pa
 
-from xfrustum.compare.metrics.comparison import ComparisonNumbers
-from xfrustum.compare.metrics.radiance import transported
+from xfrustum.compare.comparison import ComparisonNumbers, transported
 from xfrustum.compare.run import Evaluator, FrameRequest, JudgedFrame
 from xfrustum.raster.plate.renderer import OneByOne, PlateRenderer, plate_hogel
 from xfrustum.raster.rasterizer import normals_of

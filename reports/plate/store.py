@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt, TypeAdapter, ValidationError
 from zarr.storage import LocalStore
 
-from xfrustum.compare.rounding.directions import DirectionPlate
+from xfrustum.compare.rounding.causes import DirectionPlate
 from xfrustum.interrupts import delayed
 from xfrustum.reference.lines import film_window
 from xfrustum.reports.common.outputs import Staging, refused

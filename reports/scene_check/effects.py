@@ -308,7 +308,7 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
     """
     # Import late: measures of eyes load the ray tracers, which `check` without a viewer does not
     # need.
-    from xfrustum.compare.eye import noticeable  # noqa: PLC0415
+    from xfrustum.compare import noticeable  # noqa: PLC0415
     from xfrustum.compare.planning.requirement import (  # noqa: PLC0415
         CRACK,
         STEREO,

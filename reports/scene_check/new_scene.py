@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
-from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, MILLIMETERS, length_in
+from xfrustum.compare.eye_loss import ARCMIN_PER_RADIAN
+from xfrustum.compare.noticeable import ACUITY_ARCMIN, MILLIMETERS, length_in
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.text import heights, length

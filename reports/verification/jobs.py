@@ -29,8 +29,8 @@ from pydantic import TypeAdapter
 
 from xfrustum.compare.judging.verdict import Hogel, Outcome
 from xfrustum.compare.sampling import SampleExtent
-from xfrustum.compare.truths import TruthBy
 from xfrustum.reference import Reference
+from xfrustum.reference.truth import TruthBy
 from xfrustum.reports.blocks import (
     Engine,
     HogelBlock,

@@ -13,7 +13,7 @@ from xfrustum.compare.judging.verdict import Limits
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.sampling import PathApertures, PlateSample, SampleRequest
-from xfrustum.compare.truths import TruthBy, chosen_order
+from xfrustum.reference.truth import TruthBy, chosen_order
 from xfrustum.reports.text import require_seen
 from xfrustum.scenes import HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import choice, real, wholes

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.rounding.directions import DirectionPlate
+from xfrustum.compare.rounding.causes import DirectionPlate
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.exchange.convert import GroupPlate, PlateArray, described, open_plate

@@ -15,10 +15,16 @@ import numpy as np
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import Figures, HogelNumbers
-from xfrustum.compare.judging.verdict import Hogel, Outcome, Verdict
-from xfrustum.compare.judging.where import Places, where_wrong, wrong_counts
+from xfrustum.compare.judging.verdict import (
+    Hogel,
+    Outcome,
+    Places,
+    Verdict,
+    where_wrong,
+    wrong_counts,
+)
 from xfrustum.compare.sampling import SampleExtent
-from xfrustum.compare.truths import TruthBy
+from xfrustum.reference.truth import TruthBy
 from xfrustum.reports import inspection
 from xfrustum.reports.common.outputs import (
     Staging,

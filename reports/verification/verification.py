@@ -29,9 +29,9 @@ from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import drawn_scene, shown_points
 from xfrustum.compare.run import images_under_way, in_order
-from xfrustum.compare.truths import with_references
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
+from xfrustum.reference.truth import with_references
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.verification.request import Renderer, Request, VerifyOptions
 from xfrustum.reports.verification.sources import Problem, Source, opened

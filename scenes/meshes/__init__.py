@@ -7,7 +7,6 @@ gltf_data       Document, buffers and accessors of a glTF file
 obj             Wavefront OBJ and its material libraries
 ply_off_stl     PLY, OFF and STL: lists of vertices and polygons
 packages        3MF and 3DXML: zip packages of XML parts, and placing of their objects
-polygons        Polygons cut into triangles
-tessellation    Bezier patches of `.bpt` files, tessellated without cracks
+tessellation    Polygons, and Bezier patches of `.bpt` files, cut into triangles without cracks
 text_lines      Lines of a text as arrays of numbers; errors name the line
 """

@@ -25,7 +25,7 @@ from xfrustum.scenes.meshes.content import (
     open_picture,
     unit_normals,
 )
-from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
+from xfrustum.scenes.meshes.tessellation import cut_polygons, sizes_together
 from xfrustum.scenes.meshes.text_lines import (
     TextLines,
     join_continued,

@@ -1,7 +1,7 @@
 """Public names with their types; `__init__.py` reads them and imports each on first use."""
 
-from .compare.metrics.comparison import Comparison as Comparison
-from .compare.metrics.comparison import compare_images as compare_images
+from .compare.comparison import Comparison as Comparison
+from .compare.comparison import compare_images as compare_images
 from .compare.planning.requirement import Requirement as Requirement
 from .compare.run import Evaluator as Evaluator
 from .compare.run import JudgedDrawing as JudgedDrawing

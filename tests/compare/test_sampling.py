@@ -13,10 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from xfrustum.compare.beyond import displacement_p99, is_beyond
+from xfrustum.compare.error_maps import Spread
 from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.judging.verdict import Limits
-from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.planning.requirement import Requirement
 from xfrustum.compare.planning.views import HogelResult
 from xfrustum.compare.sampling import (
@@ -24,6 +23,8 @@ from xfrustum.compare.sampling import (
     RandomSample,
     aperture_at,
     clean_sample,
+    displacement_p99,
+    is_beyond,
     risk_of_claim,
     sample_hogels,
     share_at_most,

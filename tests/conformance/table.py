@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from xfrustum.reports.conformance.run import CaseRenderer, RunOptions, Verdict, agreed, judge_case
+from xfrustum.reports.conformance import CaseRenderer, RunOptions, Verdict, agreed, judge_case
 from xfrustum.scenes.conformance_suite import chosen
 
 TRIED = {

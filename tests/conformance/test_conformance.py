@@ -21,8 +21,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.judging.conformance import Pixels, is_frozen, judged, trace
 from xfrustum.compare.judging.judged import wrong_pixels
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
-from xfrustum.reports.conformance.cases import Archive, export, traced, write_case
-from xfrustum.reports.conformance.run import (
+from xfrustum.reports.conformance import (
     FILES,
     CaseOutcome,
     CaseRenderer,
@@ -35,6 +34,7 @@ from xfrustum.reports.conformance.run import (
     write_hogel,
     write_statement,
 )
+from xfrustum.reports.conformance_cases import Archive, export, traced, write_case
 from xfrustum.scenes.appearance import Appearance, Material
 from xfrustum.scenes.conformance_suite import LEVELS, SUITE, Case, cases, chosen
 from xfrustum.scenes.files.pictures import Encoding, StoredPixels, of_stored
@@ -113,7 +113,7 @@ def test_a_right_renderer_passes_and_an_archive_gives_the_same_statement_without
     assert [verdict.verdict for verdict in fresh] == ["pass"] * len(SOME)
     pixels = [verdict.pixels for verdict in fresh]
     assert all(count.shown > 100 and count.unexplained == 0 for count in pixels)
-    monkeypatch.setattr("xfrustum.reports.conformance.cases.trace", None)
+    monkeypatch.setattr("xfrustum.reports.conformance_cases.trace", None)
     monkeypatch.setattr("xfrustum.compare.renderer_model.pictures.first_surfaces", None)
     assert run(some, right, RunOptions(truths=Archive(path=path))) == fresh
     with pytest.raises(InputError, match="a conformance suite that can be read"):

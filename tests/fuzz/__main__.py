@@ -35,7 +35,7 @@ PREPARED = (
         "xfrustum.reports.image_files",
     ),
     *("xfrustum.reports.scene_check.checking", "xfrustum.reports.exchange.convert"),
-    *("xfrustum.reports.conformance.run", "xfrustum.reports.device"),
+    *("xfrustum.reports.conformance", "xfrustum.reports.device"),
     "xfrustum.reports.verification.verification",
 )
 """Modules that child processes use, including modules that other libraries import late."""

@@ -73,7 +73,7 @@ def read_device(path: Path) -> None:
 @click.argument("name")
 def read_archive(path: Path, name: str) -> None:
     """Read the truths of a case from an archive, as `conformance judge --truth` does."""
-    from xfrustum.reports.conformance.cases import Archive
+    from xfrustum.reports.conformance_cases import Archive
     from xfrustum.scenes.conformance_suite import chosen
 
     (case,) = chosen(names=(name,))

@@ -13,8 +13,8 @@ import pytest
 from tests.support.light import dressed_scene
 from tests.support.lit import PLATE, RECENTERED, ROUNDING, SUN, card, lit
 from xfrustum.reference import Reference
-from xfrustum.reference.averages import BOX_SIDE
 from xfrustum.reference.lines import model_cameras
+from xfrustum.reference.pictures import BOX_SIDE
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.appearance import Material, Sampling
 from xfrustum.scenes.arrays import Floats, Singles
@@ -37,7 +37,7 @@ def test_multisampling_is_answered_with_the_mean_over_the_same_box() -> None:
 def test_bands_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     sampling = Sampling(supersample=3, aperture=2)
     whole = color(dressed_scene("asymmetric-recentered", (16, 12)), sampling)
-    monkeypatch.setattr("xfrustum.reference.averages.BAND_PIXELS", 150)
+    monkeypatch.setattr("xfrustum.reference.pictures.BAND_PIXELS", 150)
     monkeypatch.setattr("xfrustum.reference.truth.AVERAGED_PIXELS", 60)
     np.testing.assert_array_equal(
         color(dressed_scene("asymmetric-recentered", (16, 12)), sampling), whole

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from xfrustum.compare.attribution.budget import Budget
+from xfrustum.compare.attribution import Budget
 from xfrustum.compare.prediction.predict import LinkPrediction
 from xfrustum.compare.prediction.reasons import Reason, chance
 from xfrustum.scenes.model.images import HogelCamera

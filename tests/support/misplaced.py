@@ -5,7 +5,7 @@ Surface points of the raster are computed on the drawn triangle, for the pixel's
 triangle at the pixel.
 """
 
-from xfrustum.compare.attribution.budget import drawing_cameras
+from xfrustum.compare.attribution import drawing_cameras
 from xfrustum.compare.rounding.causes import misplaced_pixels
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.device_model import DeviceModel

@@ -1,10 +1,10 @@
-"""The scene as offset cameras show it (`compare.eye.noticeable`): moved points, moved scenes."""
+"""The scene as offset cameras show it (`compare.noticeable`): moved points, moved scenes."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance, replayed_shifts
+from xfrustum.compare.noticeable import moves_rigidly, replayed_distance, replayed_shifts
 from xfrustum.reference.lines import film_window
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Offset, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices, Mask

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.device.recorded import read_frames
 from xfrustum.compare.judging.conformance import Pixels, judged, trace
+from xfrustum.compare.recorded import read_frames
 from xfrustum.reference import Reference
-from xfrustum.reports.conformance.run import counted_pixels
+from xfrustum.reports.conformance import counted_pixels
 from xfrustum.scenes import DepthFormat, DepthMapping, HogelImage
 from xfrustum.scenes.conformance_suite import CLOSE_NEAR, Case
 from xfrustum.scenes.model.device_model import model_of

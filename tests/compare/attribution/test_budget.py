@@ -14,19 +14,20 @@ import pytest
 import xfrustum
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.compare.attribution.budget import Budget, make_budget
-from xfrustum.compare.attribution.radiance_budget import (
+from xfrustum.compare.attribution import (
     AVERAGING,
     BAND_LIMITING,
     CLIPPING,
     EYE_VECTOR,
     OUTPUT,
     SHADING,
+    Budget,
     RadianceBudget,
+    make_budget,
     make_radiance_budget,
 )
-from xfrustum.compare.metrics.error_maps import surface_errors
-from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
+from xfrustum.compare.error_maps import surface_errors
+from xfrustum.compare.prediction.predict import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import CHAIN, write_budget

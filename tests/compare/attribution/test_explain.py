@@ -14,8 +14,8 @@ from tests.compare.metrics.test_flips import pictured
 from tests.support.long_tail import thinned
 from tests.support.misplaced import misplaced
 from tests.support.views import reversed_d32f, soup, view
-from xfrustum.compare.attribution.budget import explain
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.attribution import explain
+from xfrustum.compare.comparison import compare_images
 from xfrustum.raster import Rasterizer, cameras
 from xfrustum.raster.cameras import clip_from_scene
 from xfrustum.raster.device import mesh

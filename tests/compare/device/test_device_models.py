@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tests.support.views import SHARED
-from xfrustum.compare.device.fingerprints import NEAREST_EVEN, Measured, Within
-from xfrustum.compare.rounding.planes import Planes
+from xfrustum.compare.fingerprints import NEAREST_EVEN, Measured, Within
+from xfrustum.compare.rounding.depth import Planes
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.fingerprint import Fingerprint, draw_fingerprint
 from xfrustum.scenes import InputError, open_scene

@@ -11,11 +11,11 @@ import pytest
 from tests.support.light import radiance_by_definition
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED, reversed_d32f, view
-from xfrustum.compare.attribution.budget import explain
-from xfrustum.compare.device.recorded import RecordedFrame, read_frames, recorded_image, replay
-from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
+from xfrustum.compare.attribution import explain
+from xfrustum.compare.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.depth import DepthLayers, depth_wrong_shares
 from xfrustum.compare.prediction.reasons import MIN_PIXELS
+from xfrustum.compare.recorded import RecordedFrame, read_frames, recorded_image, replay
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, InputError

@@ -18,12 +18,11 @@ import xfrustum
 from tests.support.foreign_renderers import Faulty, oblong, saying, small
 from tests.support.light import with_smooth_normals
 from tests.support.scene_file import named, part
-from xfrustum.compare.diagnosis.claims import claims_of
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.diagnosis.diagnosis import diagnose
 from xfrustum.compare.diagnosis.encodings import RESAMPLED, IdRepair
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
-from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet
+from xfrustum.compare.diagnosis.testset import MIN_EXPLAINED_FRACTION, TestSet, claims_of
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.conventions import Orientation
 from xfrustum.compare.renderer_model.drawn_model import (

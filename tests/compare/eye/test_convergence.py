@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from tests.support.views import view
-from xfrustum.compare.eye.loss import Views, display_loss
+from xfrustum.compare.eye_loss import Views, display_loss
 from xfrustum.reference.eye import EyeReference
 from xfrustum.scenes.model.eye import Eye
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.moved_scene import moved_scene
 from tests.support.views import reversed_d32f, view
-from xfrustum.compare.eye.loss import (
+from xfrustum.compare.eye_loss import (
     DEFAULT_COLOR,
     Collector,
     Views,

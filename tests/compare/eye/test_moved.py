@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.long_tail import examples
 from tests.support.moved_scene import moved_scene, replayed_points
 from tests.support.views import at, reversed_d32f, view
-from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance
+from xfrustum.compare.noticeable import moves_rigidly, replayed_distance
 from xfrustum.raster.cameras import MAPPINGS, clip_from_scene, slab_cameras
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import crossed_frustum, model_cameras, pixel_places

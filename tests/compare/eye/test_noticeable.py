@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from tests.support.commands import Command
 from tests.support.moved_scene import replayed_points
 from tests.support.views import view
-from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
-from xfrustum.compare.eye.noticeable import (
+from xfrustum.compare.eye_loss import ARCMIN_PER_RADIAN
+from xfrustum.compare.noticeable import (
     ARCSEC_PER_RADIAN,
     EYES_APART_MM,
     Content,

@@ -10,9 +10,9 @@ from tests.support.images import assert_same
 from tests.support.views import view
 from xfrustum import Evaluator
 from xfrustum.compare import run
-from xfrustum.compare.attribution.budget import make_budget
-from xfrustum.compare.metrics.comparison import Comparison, compare_images
-from xfrustum.compare.prediction.chain import make_chain
+from xfrustum.compare.attribution import make_budget
+from xfrustum.compare.comparison import Comparison, compare_images
+from xfrustum.compare.prediction.predict import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, InputError

@@ -14,9 +14,9 @@ import trimesh
 
 import xfrustum
 from tests.support.foreign_renderers import saying
+from xfrustum.compare.error_maps import true_lines
 from xfrustum.compare.judging.judged import Compared, Judging, judge
 from xfrustum.compare.judging.verdict import Hogel, Limits
-from xfrustum.compare.metrics.error_maps import true_lines
 from xfrustum.compare.renderer_model.drawn_model import Back, Front, RendererModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference

@@ -21,10 +21,10 @@ from tests.support.records import problems
 from tests.support.scene_file import film, named, part
 from tests.support.views import reversed_d32f
 from tests.support.worlds import World
+from xfrustum.compare.error_maps import surface_errors
 from xfrustum.compare.judging.judged import MeasuredBy, judge
 from xfrustum.compare.judging.outlines import outline_displacement, steps_of
 from xfrustum.compare.judging.verdict import Check, Limits, Outcome
-from xfrustum.compare.metrics.error_maps import surface_errors
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
 from xfrustum.compare.renderer_model.pictures import reference_colors
 from xfrustum.raster import Rasterizer

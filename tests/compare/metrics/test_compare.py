@@ -16,9 +16,9 @@ from tests.support.long_tail import thinned
 from tests.support.misplaced import misplaced
 from tests.support.views import at, reversed_d32f, soup, view
 from tests.support.worlds import World
-from xfrustum.compare.metrics.comparison import Comparison, compare_images
-from xfrustum.compare.metrics.error_maps import Spread
-from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
+from xfrustum.compare.comparison import Comparison, compare_images
+from xfrustum.compare.error_maps import Spread
+from xfrustum.compare.rounding.triangles import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.support.views import reversed_d32f, view
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, HogelImage

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tests.support.worlds import World
-from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.metrics.radiance import (
+from xfrustum.compare.comparison import (
     ALPHA,
     NoiseTest,
     away_from_edges,
+    compare_images,
     compare_radiance,
     compare_with_noise,
     joint_chance,

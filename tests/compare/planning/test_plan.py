@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.compare.beyond import PERCENTILE
-from xfrustum.compare.metrics.error_maps import displacement
+from xfrustum.compare.error_maps import displacement
 from xfrustum.compare.planning.plan import Cause, plan_apertures
 from xfrustum.compare.planning.requirement import (
     DepthBuffer,
@@ -31,6 +30,7 @@ from xfrustum.compare.planning.search import (
     buffer_limit,
 )
 from xfrustum.compare.planning.views import Views, displacement_bound, measured
+from xfrustum.compare.sampling import PERCENTILE
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (

@@ -13,7 +13,7 @@ from tests.support.lit import ball, card, lit
 from tests.support.long_tail import thinned
 from tests.support.scene_file import film, part
 from tests.support.views import view
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.comparison import compare_images
 from xfrustum.compare.planning import plan as plate_plan
 from xfrustum.compare.planning.plan import Cause, Plan, PlatePlanner
 from xfrustum.compare.planning.requirement import Requirement

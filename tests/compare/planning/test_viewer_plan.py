@@ -6,7 +6,7 @@ import pytest
 
 from tests.support.commands import Command
 from tests.support.worlds import World
-from xfrustum.compare.eye.noticeable import Content, Display, Viewer, stereo_change_arcsec
+from xfrustum.compare.noticeable import Content, Display, Viewer, stereo_change_arcsec
 from xfrustum.compare.planning.requirement import (
     CRACK,
     STEREO,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, reversed_d32f
-from xfrustum.compare.attribution.budget import make_budget
-from xfrustum.compare.prediction.chain import make_chain
+from xfrustum.compare.attribution import make_budget
+from xfrustum.compare.prediction.predict import make_chain
 from xfrustum.compare.prediction.silhouettes import crease_pixels
-from xfrustum.compare.rounding.positions import POSITION_TOLERANCE
+from xfrustum.compare.rounding.triangles import POSITION_TOLERANCE
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject

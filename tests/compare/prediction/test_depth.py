@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from tests.support.long_tail import thinned
 from tests.support.views import at, reversed_d32f, soup, view
-from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
+from xfrustum.compare.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.planning.views import SheetFilm, SheetPair
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,

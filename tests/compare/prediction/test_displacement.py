@@ -17,7 +17,7 @@ from hypothesis import assume, given
 from tests.support.long_tail import examples
 from tests.support.strategies import apertures, frusta, triangles
 from tests.support.views import soup, view
-from xfrustum.compare.metrics.error_maps import lengths, pixel_centers
+from xfrustum.compare.error_maps import lengths, pixel_centers
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import model_cameras

@@ -7,8 +7,8 @@ import pytest
 
 from tests.support.lit import sky
 from tests.support.views import reversed_d32f, view
-from xfrustum.compare.metrics.radiance import away_from_edges
-from xfrustum.compare.prediction.eye_vector import (
+from xfrustum.compare.comparison import away_from_edges
+from xfrustum.compare.prediction.displacement import (
     bend,
     drawn_lines,
     measured_eye_error,

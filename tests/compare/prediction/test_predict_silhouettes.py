@@ -9,8 +9,8 @@ import pytest
 
 from tests.support.long_tail import thinned
 from tests.support.views import at, view
-from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.prediction.chain import traced_settings
+from xfrustum.compare.comparison import compare_images
+from xfrustum.compare.prediction.predict import traced_settings
 from xfrustum.compare.prediction.silhouettes import (
     Kind,
     Silhouettes,

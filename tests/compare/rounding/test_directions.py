@@ -9,8 +9,7 @@ import pytest
 
 from tests.support.long_tail import kept, thinned
 from tests.support.views import soup
-from xfrustum.compare.rounding.causes import Causes
-from xfrustum.compare.rounding.directions import explain_direction
+from xfrustum.compare.rounding.causes import Causes, explain_direction
 from xfrustum.raster.plate.directions import DirectionRenderer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, DepthFormat, Frustum, Plate, Scene, Screen, open_scene

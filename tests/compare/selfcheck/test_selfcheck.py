@@ -14,13 +14,15 @@ from tests.support.brute_force import exact_first
 from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, triangles
 from tests.support.views import at, soup
-from xfrustum.compare.selfcheck import selfcheck as module
-from xfrustum.compare.selfcheck.comparison import ImageLines, disagreements
-from xfrustum.compare.selfcheck.directions import DirectionCheck, check_directions
-from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
-from xfrustum.compare.selfcheck.selfcheck import (
+from xfrustum.compare import selfcheck as module
+from xfrustum.compare.rational import ExactRows, first_by_brute_force
+from xfrustum.compare.selfcheck import (
+    DirectionCheck,
+    ImageLines,
     SelfCheck,
+    check_directions,
     check_sphere,
+    disagreements,
     first_from_center,
     selfcheck,
 )

@@ -10,7 +10,7 @@ from hypothesis import given
 
 from tests.reference.rays.worst import Problem, problems
 from tests.support.long_tail import examples
-from xfrustum.compare.selfcheck.comparison import position_bound
+from xfrustum.compare.selfcheck import position_bound
 from xfrustum.reference.backend import Float32, Float64, cross, difference, dot, dr, recording
 from xfrustum.reference.certify import cone
 from xfrustum.reference.rays import filter as filter_module

@@ -10,10 +10,9 @@ from scipy.stats import binomtest
 
 from xfrustum import Aperture, DepthFormat, DoubleFrustum, Offset
 from xfrustum.compare import Spread
-from xfrustum.compare.attribution.budget import Cause
-from xfrustum.compare.metrics.comparison import ComparisonNumbers, SurfaceShare
-from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet, is_worse
-from xfrustum.compare.metrics.radiance import RadianceNumbers
+from xfrustum.compare.attribution import Cause
+from xfrustum.compare.comparison import ComparisonNumbers, RadianceNumbers, SurfaceShare
+from xfrustum.compare.error_maps import CONFIDENCE, PixelSet, is_worse
 from xfrustum.reports.error_report.best import (
     SURFACE_TIE_FRACTION,
     Measurement,

@@ -29,8 +29,8 @@ from xfrustum import (
     open_scene,
 )
 from xfrustum.cli.main import main
-from xfrustum.compare.prediction.chain import LINKS
-from xfrustum.compare.rounding.positions import largest_tolerance
+from xfrustum.compare.prediction.predict import LINKS
+from xfrustum.compare.rounding.triangles import largest_tolerance
 from xfrustum.reports.common import pictures
 from xfrustum.reports.error_report import report
 from xfrustum.reports.error_report.report import FILES

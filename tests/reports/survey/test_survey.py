@@ -24,8 +24,7 @@ from xfrustum import (
 )
 from xfrustum.cli.main import main
 from xfrustum.compare.sampling import SampleRequest, risk_of_claim, share_beyond
-from xfrustum.compare.truths import TruthBy, chosen_order
-from xfrustum.reference.truth import TILE_PIXELS
+from xfrustum.reference.truth import TILE_PIXELS, TruthBy, chosen_order
 from xfrustum.reports.blocks import Engine, device_index
 
 NEAR, ALL, HERE = 0.8, SampleRequest(sample=None), Engine(workers=1)

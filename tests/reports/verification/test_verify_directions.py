@@ -16,7 +16,6 @@ from xfrustum import DepthFormat, InputError, PlateOptions, Reference, Scene, ve
 from xfrustum.compare.diagnosis.defects import Defect
 from xfrustum.compare.judging.judged import Judging, judge
 from xfrustum.compare.renderer_model.drawn_model import RendererModel
-from xfrustum.compare.rounding import directions
 from xfrustum.compare.rounding.causes import HEADINGS
 from xfrustum.reports.plate.directions import write_directions
 from xfrustum.reports.plate.store import direction_plate
@@ -88,7 +87,7 @@ def test_no_rounding_explains_hogels_one_column_off_whatever_the_batches(
     array: Any = zarr.open_group(other, mode="r+")["triangle"]
     array[:] = np.roll(array[:], 1, axis=1)
     together = causes(small("asymmetric"), other, SOME[:2])
-    monkeypatch.setattr(directions, "PIXELS_AT_ONCE", 1)
+    monkeypatch.setattr("xfrustum.compare.rounding.causes.PIXELS_AT_ONCE", 1)
     assert causes(small("asymmetric"), other, SOME[:2]) == together
     assert together["edge"] > 10 and together["unexplained"] > 50
 

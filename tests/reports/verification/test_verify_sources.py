@@ -32,7 +32,7 @@ from xfrustum.compare.diagnosis import defects
 from xfrustum.compare.diagnosis.defects import HYPOTHESES, Defect
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 from xfrustum.compare.judging.judged import MeasuredBy, judge
-from xfrustum.compare.judging.where import places_of
+from xfrustum.compare.judging.verdict import places_of
 from xfrustum.compare.renderer_model import drawn_model
 from xfrustum.compare.renderer_model.drawn_model import OneCamera, RendererModel
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn

@@ -18,7 +18,7 @@ from PIL import Image
 from tests.scenes.files.test_exr import a_camera, an_image
 from tests.support.environment_maps import write_map
 from tests.support.scene_file import film
-from xfrustum.compare.device.recorded import read_frames
+from xfrustum.compare.recorded import read_frames
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk import allowed_memory, input_memory
 from xfrustum.scenes.files.exr import read_image, write_image

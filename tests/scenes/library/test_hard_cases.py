@@ -19,8 +19,8 @@ from tests.support.exact_brute_force import exact_pixels
 from tests.support.images import assert_same
 from tests.support.long_tail import thinned
 from tests.support.views import lines_by_definition
-from xfrustum.compare.attribution.budget import explain
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.attribution import explain
+from xfrustum.compare.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.long_tail import examples
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.meshes.polygons import cut_polygons, sizes_together
+from xfrustum.scenes.meshes.tessellation import cut_polygons, sizes_together
 
 ROUNDING = 1e-9  # relative: about a hundred operations of doubles on coordinates of one size
 SETTINGS = examples(200)

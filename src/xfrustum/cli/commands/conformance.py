@@ -11,7 +11,7 @@ from xfrustum.cli import options
 from xfrustum.cli.options import FOLDER, POSITIVE, TEXT, option
 
 if TYPE_CHECKING:
-    from xfrustum.reports.conformance.run import CaseRenderer
+    from xfrustum.reports.conformance import CaseRenderer
     from xfrustum.scenes.conformance_suite import Case
 
 _KNOWN = tuple(f"L{number}" for number in range(7))
@@ -75,18 +75,20 @@ def show(request: _Show) -> None:
 
     # An unknown name raises InputError with the list of known names.
     (case,) = chosen(names=(request.name,))
+    from xfrustum.reports import conformance, conformance_cases
     from xfrustum.reports.common.outputs import refused
-    from xfrustum.reports.conformance import cases, run
 
     scene = case.open()
-    described = cases.described(case, scene)
+    described = conformance_cases.described(case, scene)
     if request.out is not None:
         with refused(f"--out {request.out}: cannot write there"):
-            cases.write_case(case, scene, request.out / "case")
+            conformance_cases.write_case(case, scene, request.out / "case")
             (request.out / "truth").mkdir(exist_ok=True)
-            for truth in cases.traced(case, scene):
+            for truth in conformance_cases.traced(case, scene):
                 index = truth.camera.aperture.index
-                run.write_hogel(case, request.out / "truth", index, run.encoded_truth(case, truth))
+                conformance.write_hogel(
+                    case, request.out / "truth", index, conformance.encoded_truth(case, truth)
+                )
     lines = [
         *(f"{key}: {described[key]}" for key in _SHOWN if described[key] is not None),
         f"triangles: {len(scene.faces):,} in {len(scene.objects)} objects",
@@ -108,30 +110,30 @@ class _Judged(_Chosen):
         if not self.cases:
             raise click.UsageError("no case has these names in these levels")
         from xfrustum.compare.judging.judged import ANY_DEVICE
-        from xfrustum.reports.conformance import run
-        from xfrustum.reports.conformance.cases import Archive, traced
+        from xfrustum.reports import conformance
+        from xfrustum.reports.conformance_cases import Archive, traced
         from xfrustum.scenes.model.device_model import DeviceModel
 
-        options.check_out(self.out, run.FILES)
+        options.check_out(self.out, conformance.FILES)
         # Without a device.json, any rounding that OpenGL permits is accepted.
         name, model = self.device or "not stated", ANY_DEVICE
         if name.endswith(".json"):
             # Verdicts are stricter: pixels must follow the rounding of this device.
             model = DeviceModel.read(Path(name))
             name = model.name
-        judging = run.RunOptions(
+        judging = conformance.RunOptions(
             truths=traced if self.truths is None else Archive(path=self.truths.absolute()),
             device=model,
             pictures=self.out is not None,
         )
-        result = run.Statement(
+        result = conformance.Statement(
             renderer=self.renderer or renderer.name,
             device=name,
             device_model=model.name,
-            verdicts=run.run(self.cases, renderer, judging, progress=self.progress),
+            verdicts=conformance.run(self.cases, renderer, judging, progress=self.progress),
         )
         if self.out is not None:
-            run.write_statement(result, self.out)
+            conformance.write_statement(result, self.out)
         self.tell(result.summary, result.table)
         return 0 if result.passed else options.LIMIT_EXCEEDED
 
@@ -162,7 +164,7 @@ def run(request: _Run) -> int:
     if request.command is not None:
         # Test the program before imports that take seconds.
         check_program(request.command)
-    from xfrustum.reports.conformance.run import CaseRenderer
+    from xfrustum.reports.conformance import CaseRenderer
 
     return request.judge(
         CaseRenderer(
@@ -181,7 +183,7 @@ class _Judge(_Judged):
 @options.command("xfrustum conformance judge images --truth conformance-1.0.zip", conformance)
 def judge(request: _Judge) -> int:
     """Judge finished images, IMAGES/NAME/hogel_{i}x{j}.png or .exr; exit status as for `run`."""
-    from xfrustum.reports.conformance.run import CaseRenderer
+    from xfrustum.reports.conformance import CaseRenderer
 
     return request.judge(CaseRenderer(images=request.images))
 
@@ -193,11 +195,11 @@ class _Export(_Chosen):
 @options.command("xfrustum conformance export --out archive", conformance)
 def export(request: _Export) -> None:
     """Write an archive of all case folders and true images, for machines that cannot trace."""
+    from xfrustum.reports import conformance_cases
     from xfrustum.reports.common.outputs import progress_bar
-    from xfrustum.reports.conformance import cases
 
     with progress_bar(len(request.cases), "export", "case", shown=request.progress) as bar:
-        path = cases.export(request.cases, request.out, bar.update)
+        path = conformance_cases.export(request.cases, request.out, bar.update)
     # Size of the finished archive, which `export` has renamed into place.
     size = path.stat().st_size
     request.tell(

@@ -112,7 +112,7 @@ def plan(request: _Plan) -> None:
     --aperture or --apertures it is made for these apertures alone.
     """
     opened = options.open_scene(request.scene)
-    from xfrustum.compare.eye.noticeable import Viewer, scene_length
+    from xfrustum.compare.noticeable import Viewer, scene_length
     from xfrustum.compare.planning.requirement import Requirement, depth_buffers
     from xfrustum.compare.sampling import RandomSample
     from xfrustum.raster import require_room

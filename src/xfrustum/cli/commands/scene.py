@@ -121,7 +121,7 @@ def check(request: _Check) -> int:
     near = request.near or default_near(opened)
     distance = None
     if request.viewer is not None:
-        from xfrustum.compare.eye.noticeable import scene_length
+        from xfrustum.compare.noticeable import scene_length
 
         distance = scene_length(request.viewer, opened)
     report = checking.check(

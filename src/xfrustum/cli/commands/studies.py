@@ -239,7 +239,7 @@ def selfcheck(request: _Selfcheck) -> int:
     for name in request.scenes:
         # Test all names before checks that take minutes.
         check_scene(name)
-    from xfrustum.compare.selfcheck import selfcheck as checking
+    from xfrustum.compare import selfcheck as checking
     from xfrustum.reports.text import selfcheck_table
 
     result = checking.selfcheck(request.scenes, quick=request.quick, progress=request.progress)

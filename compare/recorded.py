@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from xfrustum.compare.attribution.budget import drawing_cameras, explain
+from xfrustum.compare.attribution import drawing_cameras, explain
 from xfrustum.compare.rounding.causes import HEADINGS
 from xfrustum.compare.rounding.edges import per_pixel
 from xfrustum.compare.rounding.triangles import PixelTriangles

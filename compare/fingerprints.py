@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.rounding.depth import STEP
-from xfrustum.compare.rounding.planes import Planes
-from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
-from xfrustum.compare.rounding.triangles import CLIPPED_VERTEX_ROUNDINGS
+from xfrustum.compare.rounding.depth import STEP, Planes
+from xfrustum.compare.rounding.triangles import CLIPPED_VERTEX_ROUNDINGS, FLOAT32_ROUNDING
 from xfrustum.raster.device.context import is_software
 from xfrustum.raster.device.fingerprint import SIZE, Fingerprint
 from xfrustum.scenes.arrays import Floats, Indices, Mask

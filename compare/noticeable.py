@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
+from xfrustum.compare.eye_loss import ARCMIN_PER_RADIAN
 from xfrustum.reference.lines import film_window
 from xfrustum.scenes.arguments import InputError, real, settle
 from xfrustum.scenes.arrays import Floats, Mask

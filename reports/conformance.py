@@ -28,7 +28,7 @@ from xfrustum.compare.judging.judged import ANY_DEVICE
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import JUnitCase, html_page, junit
-from xfrustum.reports.conformance.cases import Truths, traced, write_case
+from xfrustum.reports.conformance_cases import Truths, traced, write_case
 from xfrustum.reports.verification.sources import Problem, fields_of, run_program
 from xfrustum.scenes import NOTHING, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import check_program, real

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.error_maps import hidden_pixels
-from xfrustum.compare.metrics.radiance import perceptual_difference
+from xfrustum.compare.comparison import perceptual_difference
+from xfrustum.compare.error_maps import hidden_pixels
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.eye import EyeReference, hogel_lines
 from xfrustum.reference.lines import model_cameras, plane_places, triangle_normals

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from xfrustum.compare.rounding.positions import (
+from xfrustum.compare.rounding.triangles import (
     POSITION_TOLERANCE,
     largest_tolerance,
     position_tolerance,
