@@ -147,7 +147,7 @@ def chosen(scene: Scene, names: str, question: Question | None = None) -> frozen
     requested = {name.strip() for name in names.split(",")}
     if requested & {"auto", "all"}:
         raise InputError(
-            f"effects are auto, or all, or names separated by commas, not a mixture: not {names!r}"
+            f"effects are auto, or all, or names separated by commas, and no mixture: not {names!r}"
         )
     for name in sorted(requested - set(Effect)):
         raise InputError(
