@@ -41,7 +41,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 from tqdm import tqdm
 
-from xfrustum.interrupts import delayed
+from xfrustum.process import delayed
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.parts import ParquetParts
 from xfrustum.scenes import Aperture, InputError

@@ -29,7 +29,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
-from xfrustum.interrupts import delayed
+from xfrustum.process import delayed
 from xfrustum.scenes.arguments import InputError
 
 if TYPE_CHECKING:

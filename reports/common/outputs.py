@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from tqdm import tqdm
 
-from xfrustum.interrupts import delayed
+from xfrustum.process import delayed
 from xfrustum.reference.llvm import array_device
 from xfrustum.scenes import DoubleFrustum, InputError, disk
 

@@ -30,7 +30,7 @@ from pydantic import PositiveInt, TypeAdapter, ValidationError
 from zarr.storage import LocalStore
 
 from xfrustum.compare.rounding.causes import DirectionPlate
-from xfrustum.interrupts import delayed
+from xfrustum.process import delayed
 from xfrustum.reference.lines import film_window
 from xfrustum.reports.common.outputs import Staging, refused
 from xfrustum.reports.parts import differences_words

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.causes import DirectionPlate
-from xfrustum.interrupts import delayed
+from xfrustum.process import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.exchange.convert import GroupPlate, PlateArray, described, open_plate
 from xfrustum.reports.plate.arrays import METADATA

@@ -28,8 +28,7 @@ The public API on one page; each command of `xfrustum` is one of these:
 
 Modules that every layer may use:
 
-    interrupts   Ctrl-C and SIGTERM: an exception in the main thread, and exit status 130 or 143
-    terminal     Messages on standard error, and foreign text made safe for a terminal
+    process      Ctrl-C and SIGTERM, messages on standard error, text made safe for a terminal
     tolerances   Default limits of pictures: the one place for these numbers
 
 Names are imported on first use (`__init__.pyi`), so that `import xfrustum` costs nothing.

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tests.support.commands import Command
 from tests.support.processes import signals_by_default
-from xfrustum.terminal import one_line, printable
+from xfrustum.process import one_line, printable
 
 FULL = Path("/dev/full")
 

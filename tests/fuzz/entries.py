@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from xfrustum.terminal import say
+from xfrustum.process import say
 
 
 @click.command("read-scene")

@@ -25,7 +25,7 @@ from PIL import Image
 
 from tests.fuzz.inputs import SCENE, SHAPE
 from tests.support.processes import signals_by_default
-from xfrustum.interrupts import CONTINUES
+from xfrustum.process import CONTINUES
 
 #: Exit status and message by signal; a command that finishes earlier ends normally
 ENDS = {

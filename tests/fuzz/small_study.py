@@ -24,7 +24,7 @@ def small(out: Path) -> None:
 if __name__ == "__main__":
     import click
 
-    from xfrustum.cli.commands import studies
+    from xfrustum.cli import studies
 
     parameters: list[click.Parameter] = [click.Argument(["out"], type=click.Path(path_type=Path))]
     studies.study.add_command(click.Command("small", callback=small, params=parameters))

@@ -12,14 +12,14 @@ from xfrustum.cli.options import COUNT_FROM_1, Read
 
 #: Module of `commands` and names of commands by use, in the usual order of work.
 USES = {
-    "Begin with a scene": ("scene", "scenes new check"),
-    "Trace or draw one aperture": ("aperture", "trace raster"),
+    "Begin with a scene": ("scenes", "scenes new check"),
+    "Trace or draw one aperture": ("pictures", "trace raster"),
     "Compare and explain": ("comparing", "report compare budget"),
-    "Plan settings": ("planning", "plan cost"),
+    "Plan settings": ("scenes", "plan cost"),
     "Whole plates": ("plates", "plate survey"),
     "Verify another renderer": ("verifying", "verify camera convert"),
-    "Certify a renderer": ("conformance", "conformance"),
-    "The viewer's eye": ("eye", "view"),
+    "Certify a renderer": ("verifying", "conformance"),
+    "The viewer's eye": ("pictures", "view"),
     "Studies and benchmarks": ("studies", "study bench"),
     "Checks of xfrustum itself": ("studies", "selfcheck device"),
 }
@@ -50,7 +50,7 @@ class Commands(click.Group):
         # Commands that a program adds to the group take precedence over our own.
         if cmd_name in self.commands or cmd_name not in MODULES:
             return self.commands.get(cmd_name)
-        module = import_module(f"xfrustum.cli.commands.{MODULES[cmd_name]}")
+        module = import_module(f"xfrustum.cli.{MODULES[cmd_name]}")
         command: click.Command = getattr(module, cmd_name)
         return command
 

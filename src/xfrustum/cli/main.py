@@ -15,8 +15,8 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from xfrustum import interrupts
-from xfrustum.terminal import say
+from xfrustum import process
+from xfrustum.process import say
 
 #: Exit statuses for a mistake of the user, and for an error of the program (EX_SOFTWARE).
 BAD_INPUT, UNEXPECTED_ERROR = 2, 70
@@ -73,7 +73,7 @@ def run() -> int:
         except OSError:
             # The interpreter flushes once more at exit; the null device accepts the rest.
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    if interrupts.received is not None:
+    if process.received is not None:
         # Exit at once: threads may be running, and interrupted libraries may be in any state.
         os._exit(status)
     return status
@@ -83,19 +83,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status; None selects the arguments of this process."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        with interrupts.obeyed(ignored_afterwards=arguments is None):
+        with process.obeyed(ignored_afterwards=arguments is None):
             from xfrustum.cli.app import invoke
 
             status = invoke(words)
     except BaseException as error:
         # After a signal, a library that was interrupted may raise any exception.
-        status = (
-            0 if interrupts.received else _status_of(error, shown=TRACEBACK_OPTION in words[:1])
-        )
-    if interrupts.received is not None:
-        say(interrupts.WORDS[interrupts.received] + interrupts.advice)
+        status = 0 if process.received else _status_of(error, shown=TRACEBACK_OPTION in words[:1])
+    if process.received is not None:
+        say(process.WORDS[process.received] + process.advice)
         # Shells report a process ended by signal N as 128 + N.
-        status = 128 + interrupts.received
+        status = 128 + process.received
     return status
 
 
@@ -120,7 +118,7 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
         place = "standard output" if error.filename is None else os.fsdecode(error.filename)
         say(f"error: {place}: {os.strerror(error.errno)}; {ADVICE[error.errno]}")
     elif isinstance(error, KeyboardInterrupt | click.Abort):  # the calling program handles signals
-        say(interrupts.WORDS[signal.SIGINT] + interrupts.advice)
+        say(process.WORDS[signal.SIGINT] + process.advice)
         return 128 + signal.SIGINT
     else:
         _report_unexpected(error, shown=shown)

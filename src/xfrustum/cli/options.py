@@ -23,8 +23,8 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
+from xfrustum.process import printable, say
 from xfrustum.scenes.plate import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit
-from xfrustum.terminal import printable, say
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xfrustum import interrupts
+from xfrustum import process
 from xfrustum.cli import options
-from xfrustum.cli.commands.verifying import tell_losses
 from xfrustum.cli.light import ALL, light_options
 from xfrustum.cli.options import choice, flag, group, option
+from xfrustum.cli.verifying import tell_losses
 
 CHANNELS = ("color", "height", "triangle", "normal", "certainty")
 
@@ -99,7 +99,7 @@ class _Plate(options.Measured):
 
 def _begun(words: str) -> None:
     """Print the size of a plate once drawing starts, after all refusals."""
-    interrupts.advice = interrupts.CONTINUES
+    process.advice = process.CONTINUES
     options.note(words)
 
 
@@ -302,7 +302,7 @@ def survey(request: _Survey) -> int:
             f"{request.tolerance_px:g} px are {request.tolerance_px * coarser:.3g} of the scene's"
         )
         opened = replace(opened, frustum=replace(opened.frustum, resolution=request.resolution))
-    interrupts.advice = interrupts.CONTINUES
+    process.advice = process.CONTINUES
     names = ("everything", "sample", "until", "seed")
     sampling = sample_request(**{name: getattr(request, name) for name in names})
     answer = surveyed(

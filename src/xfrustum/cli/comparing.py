@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xfrustum.cli import options
-from xfrustum.cli.commands.aperture import check_no_other_tracer
 from xfrustum.cli.light import ALL, BUDGET, light_options
 from xfrustum.cli.options import (
     DEPTHS,
@@ -20,6 +19,7 @@ from xfrustum.cli.options import (
     option,
     several,
 )
+from xfrustum.cli.pictures import check_no_other_tracer
 from xfrustum.scenes.plate import Cull, Offset, Pivot
 
 if TYPE_CHECKING:
