@@ -180,10 +180,9 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
             problems.append(f"second run: status {process.returncode}, said {errors[-300:]!r}")
         else:
             files = left_files(folder)
-            names = files.keys() ^ whole.files.keys()
-            names |= {
-                name for name, digest in whole.files.items() if digest not in ("", files.get(name))
-            }
+            # Files that contain times have no hash in `whole`.
+            same = {name: whole.files.get(name) and digest for name, digest in files.items()}
+            names = {name for name, _ in same.items() ^ whole.files.items()}
             problems += [f"second run: other file {name}" for name in names]
             problems += [f"second run: left {name}" for name in hidden(folder)]
         return f"{status}{' before the first line' if early else ''}", problems
@@ -244,13 +243,9 @@ def main(arguments: list[str] | None = None) -> int:
                 endings = [trial.result() for trial in tries]
                 statuses = Counter(status for status, _ in endings)
                 problems = Counter(problem for _, some in endings for problem in some)
-                counted = ", ".join(
-                    f"{status}: {count}" for status, count in sorted(statuses.items())
-                )
-                print(
-                    f"  {number.name} {len(endings)}: {counted}; problems {dict(problems)}",
-                    flush=True,
-                )
+                counted = ", ".join(f"{status}: {n}" for status, n in sorted(statuses.items()))
+                line = f"  {number.name} {len(endings)}: {counted}; problems {dict(problems)}"
+                print(line, flush=True)
                 total += problems.total()
     print(f"{total} problems")
     return int(total > 0)

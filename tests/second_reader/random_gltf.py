@@ -136,18 +136,19 @@ def _vectors(writer: Writer, random: Generator, count: int) -> int:
 
 
 def _sparse(writer: Writer, random: Generator, rows: NDArray[Any]) -> dict[str, Any]:
-    """Return the parts of an accessor that stores some rows as zeros and then replaces them."""
+    """Return the parts of an accessor that replaces some rows; it may set other rows to zero."""
     if random.random() < 0.7:
         return {}
-    count = int(random.integers(1, len(rows) + 1))
+    count = int(random.integers(1, len(rows)))
     chosen = np.sort(random.choice(len(rows), count, replace=False))
-    base = rows.copy()
-    base[chosen] = 0
     places = {"bufferView": writer.view(chosen.astype("<u1").tobytes()), "componentType": 5121}
     values = {"bufferView": writer.view(rows[chosen].tobytes())}
     sparse = {"count": count, "indices": places, "values": values}
-    if count == len(rows):  # an accessor without a buffer view has zeros to replace
+    if random.random() < 0.3:  # without a buffer view, rows that are not replaced are zeros
+        rows[np.delete(np.arange(len(rows)), chosen)] = 0
         return {"sparse": sparse}
+    base = rows.copy()
+    base[chosen] = 0
     return {"sparse": sparse, "bufferView": writer.view(base.tobytes())}
 
 

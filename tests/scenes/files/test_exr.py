@@ -132,6 +132,16 @@ def test_absent_arrays_have_no_channels(tmp_path: Path) -> None:
     assert sorted(names) == ["P.X", "P.Y", "P.Z", "Z", "id.object", "id.triangle"]
 
 
+def test_an_exception_between_bands_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path, image = tmp_path / "image.exr", an_image()
+    path.write_bytes(b"old")
+    with pytest.raises(KeyboardInterrupt), image_writer(path, image.camera) as write:
+        write(rows(image, 0, 4))
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["image.exr"]
+
+
 def test_a_foreign_image_gets_the_stated_camera_and_lacks_unstored_arrays(
     tmp_path: Path,
 ) -> None:

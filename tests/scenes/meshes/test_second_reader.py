@@ -62,12 +62,11 @@ def test_both_readers_agree(path: Path) -> None:
     [(plain, twin) for plain, names in TWINS.items() for twin in names.split()],
 )
 def test_twins_have_equal_triangles(plain: str, feature: str) -> None:
-    """The second reader reads the file with the feature; the product reads both files."""
+    """The product reads the plain file, the second reader the other; above they agree on each."""
     reading, triangles = read(INPUTS / feature), product_triangles(INPUTS / plain)
     # One file may store a number in float32 that the other states exactly.
     reading.rounding += 2.0**-24 * float(np.abs(triangles).max())
     assert difference(triangles, reading) is None
-    assert difference(product_triangles(INPUTS / feature), reading) is None
 
 
 @pytest.mark.parametrize("block", thinned(range(8), 4))

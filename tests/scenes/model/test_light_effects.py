@@ -109,7 +109,7 @@ def test_effects_are_chosen_by_name() -> None:
         InputError, match="no effect is called 'shine'; use auto, or all, or names out of c, c"
     ):
         chosen(scene(), "c,shine")
-    with pytest.raises(InputError, match="no mixture: not 'auto,specular'"):
+    with pytest.raises(InputError, match="not a mixture: not 'auto,specular'"):
         chosen(scene(), "auto,specular")
 
 
@@ -186,6 +186,7 @@ def test_effects_state_the_binding_error_bounds_at_each_depth() -> None:
     assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(
         0.7 * 255 * 0.0329
     )
+    assert "8,192 keep them under one" in plan.table()
     inside = [row["side"] for row in scene_effects(scene(sheet(z=0.0))).depths["rows"]]
     assert inside == ["behind", "before"]
     rows = {row.name: row for row in scene_effects(scene(sheet(), sheet(z=-500.0))).rows}
