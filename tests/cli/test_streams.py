@@ -36,7 +36,7 @@ def run(line: str, folder: Path, **variables: str) -> subprocess.CompletedProces
 
 
 LETTERS = st.one_of(st.integers(0, 0x2FF), st.integers(0, 0x10FFFF)).map(chr)
-"""Includes surrogates. `st.text` would first sort all letters by category, for two seconds."""
+"""Characters with surrogates. `st.text` would first sort all letters, for two seconds."""
 
 
 @given(st.lists(LETTERS).map("".join))

@@ -27,7 +27,7 @@ def test_a_labelled_truth_has_the_images_channels_and_places_its_points(
         zip(labelled.attrs["shear"], labelled.attrs["half_extent"], "xy", "uv", strict=True)
     ):
         at = labelled[place] - labelled.height * (shear + labelled[film] * half_extent)
-        # Points are rounded to doubles: a few units in the last of 14 digits.
+        # Points are doubles: errors of a few units in the 14th digit.
         assert float(abs(at - labelled.position[..., axis]).max()) < 1e-9
     assert labelled.height.notnull().any()
     monkeypatch.setitem(sys.modules, "xarray", None)

@@ -1,4 +1,4 @@
-"""The cells of docs/notebooks.md run, in a notebook too, with the described results."""
+"""The cells of docs/notebooks.md run one after the other and display the described results."""
 
 import ast
 import re

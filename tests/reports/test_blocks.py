@@ -202,7 +202,7 @@ def test_processes_draw_and_trace_on_the_devices_of_their_engine(
         assert workers.ask(job, devices_of, 0)[0] == "3"
     with open_workers(Engine(), len(NUMBERS)) as workers:  # the only GPU of the machine
         assert (workers.count, workers.ask(job, devices_of, 0)[0]) == (1, "2")
-    # As many calls as processes, sent before the first answer: each process answers one
+    # Both calls are sent before the first answer, so that each process answers one.
     with open_workers(Engine(workers=2, devices=(3, 5)), len(NUMBERS)) as workers:
         answers = dict(answer for _, answer in workers.map(job, devices_of, range(2)))
     assert answers == {"3": "1", "5": None}

@@ -130,7 +130,6 @@ def test_cost_prints_one_object_and_writes_a_page(
     (turned,) = (row for row in printed["rows"] if row["way"] == "directions")
     assert turned["error"]["displacement_p99_px"] == 0 and turned["memory_bytes"] > 0
     assert {row["way"] for row in printed["rows"]} == {"two cameras", "slabs", "directions", None}
-    assert printed["directions"]["refused"] is None and printed["directions"]["speeds"]["hogel_s"]
     stays = [row for row in printed["rows"] if row.get("offset") == "none"]
     # Cameras in the aperture displace nothing: the measured displacement is the rounding of
     # positions.

@@ -31,7 +31,7 @@ GENERATOR = np.random.default_rng(7)
 
 
 def some(count: int, first: int = 0) -> Mask:
-    """Return a film with a number of consecutive set pixels, from a first one."""
+    """Return the mask of a film with `count` consecutive pixels set, from pixel `first` on."""
     return np.isin(np.arange(PIXELS), np.arange(first, first + count))
 
 

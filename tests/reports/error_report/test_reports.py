@@ -149,8 +149,7 @@ def test_pivots_are_compared_and_the_shear_about_the_cameras_is_a_cause(
     ("name", "pivots", "expected"),
     [
         ("car", None, "aperture plate, aperture none"),
-        # Cameras in the aperture draw equal images with both pivots, and are measured with one
-        # pivot.
+        # Cameras in the aperture draw equal images with both pivots: one pivot is measured.
         ("car-recentered", None, "aperture plate, aperture none, camera plate"),
         ("car-recentered", list(Pivot), "aperture plate, aperture none, camera plate, camera none"),
     ],

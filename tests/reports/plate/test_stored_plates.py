@@ -298,7 +298,7 @@ DRAWN_COLUMNS = (0, 10, 20, 40)
 def test_the_programs_of_the_page_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The table row refers to a small scene with some of its hogels."""
+    """The page's plate, `row.zarr`, has few hogels of a small scene."""
     monkeypatch.chdir(tmp_path)
     scene = view("asymmetric", (16, 12))
     spans = [((column, column), (30, 30)) for column in DRAWN_COLUMNS]

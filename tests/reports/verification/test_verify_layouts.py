@@ -40,7 +40,7 @@ def plate_of(scene: Scene, image: Callable[[Aperture], HogelImage]) -> PlateRows
 
 
 SHAPES = {
-    "full": ((20, 20), (3, 3)),
+    "full": ((16, 16), (3, 3)),
     "horizontal": ((48, 1), (7, 7)),
 }
 """Pixels of hogels, and hogels of plates."""

@@ -14,9 +14,9 @@ import pytest
 from PIL import Image
 
 import xfrustum
+from tests.reports.verification.conftest import run
 from tests.reports.verification.synthetic import verification
 from tests.support.foreign_renderers import oblong, saying
-from tests.support.scene_file import film, named, part
 from xfrustum import (
     Aperture,
     DoubleFrustum,
@@ -25,9 +25,7 @@ from xfrustum import (
     Rasterizer,
     Reference,
     Scene,
-    open_scene,
 )
-from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis import defects
 from xfrustum.compare.diagnosis.defects import HYPOTHESES, Defect
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
@@ -41,20 +39,7 @@ from xfrustum.reports.verification.verification import with_tested_diagnosis
 from xfrustum.scenes import NOTHING
 from xfrustum.scenes.files.pictures import bytes_of
 
-SCENE = (
-    named("three parts", "mm")
-    + film((40.0, 40.0), (3, 2), (32, 32), (60.0, 60.0), (50.0, 60.0))
-    + part("torus", 12.0, (6.0, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
-    + part("sphere", 30.0, (-4.0, 2.0, -35.0))
-)
 NEAR = DoubleFrustum(near=1e-4)
-
-
-@pytest.fixture
-def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
-    monkeypatch.chdir(tmp_path)
-    Path("scene.toml").write_text(SCENE)
-    return open_scene("scene.toml")
 
 
 @pytest.fixture
@@ -65,11 +50,6 @@ def images(world: Scene) -> dict[tuple[int, int], HogelImage]:
     for (column, row), image in made.items():
         Image.fromarray(bytes_of(image.triangle + 1)).save(f"{column}-{row}.png")
     return made
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
-    status = main(["verify", "scene.toml", *arguments, "--json", "--quiet"])
-    return status, json.loads(capsys.readouterr().out)
 
 
 INDICES = [[i, j] for j in (0, 1) for i in (0, 1, 2)]
@@ -93,12 +73,12 @@ def test_missing_damaged_and_wrongly_sized_files_are_listed_and_the_rest_judged(
 ) -> None:
     Path("0-0.png").unlink()
     Path("1-0.png").write_bytes(Path("1-0.png").read_bytes()[:90])
-    Image.new("RGB", (31, 32)).save("2-0.png")
+    Image.new("RGB", (23, 24)).save("2-0.png")
     Path("0-1.png").write_text("no picture")
     Path("1-1.png").unlink()
     Path("1-1.png").mkdir()
     status, result = run(capsys, *NUMBERED)
-    words = ("no such file", "damaged", "31 x 32", "not an image", "is a folder")
+    words = ("no such file", "damaged", "23 x 24", "not an image", "is a folder")
     for hogel, phrase in zip(result["hogels"], words, strict=False):
         assert phrase in hogel["problem"]
     assert [hogel["verdict"] for hogel in result["hogels"]] == ["missing"] * 5 + ["pass"]
@@ -150,7 +130,7 @@ def test_a_command_may_hang_crash_and_write_garbage_and_the_rest_is_judged(
 def test_a_function_that_raises_or_returns_something_else_is_reported(
     world: Scene, images: dict[tuple[int, int], HogelImage]
 ) -> None:
-    with Rasterizer(replace(world, frustum=replace(world.frustum, resolution=(24, 24)))) as other:
+    with Rasterizer(replace(world, frustum=replace(world.frustum, resolution=(16, 16)))) as other:
         small = other.render(world.plate.middle, NEAR)
 
     def renderer(_: Scene, aperture: Aperture) -> HogelImage:
@@ -164,7 +144,7 @@ def test_a_function_that_raises_or_returns_something_else_is_reported(
     assert [hogel.problem for hogel in result.hogels[:4]] == [
         "renderer raised ValueError: no memory of that",
         "renderer returned NoneType, not a HogelImage",
-        "renderer returned an image that is not 32 x 32",
+        "renderer returned an image that is not 24 x 24",
         None,
     ]
     assert not result.passed and result.hogels[3].passed

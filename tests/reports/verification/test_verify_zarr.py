@@ -1,14 +1,13 @@
 """Plates in Zarr groups are judged by their triangle numbers and colors."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import zarr
 
-from tests.support.scene_file import film, named, part
+from tests.reports.verification.conftest import run
 from xfrustum import (
     Aperture,
     DoubleFrustum,
@@ -16,24 +15,9 @@ from xfrustum import (
     InputError,
     Rasterizer,
     Scene,
-    open_scene,
     verify,
 )
 from xfrustum.cli.main import main
-
-SCENE = (
-    named("three parts", "mm")
-    + film((40.0, 40.0), (3, 2), (24, 24), (60.0, 60.0), (50.0, 60.0))
-    + part("torus", 12.0, (6.0, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
-    + part("sphere", 30.0, (-4.0, 2.0, -35.0))
-)
-
-
-@pytest.fixture
-def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
-    monkeypatch.chdir(tmp_path)
-    Path("scene.toml").write_text(SCENE)
-    return open_scene("scene.toml")
 
 
 @pytest.fixture
@@ -62,11 +46,6 @@ def colors(image: HogelImage) -> np.ndarray:
     return image.color
 
 
-def judged(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
-    status = main(["verify", "scene.toml", *arguments, "--json", "--quiet"])
-    return status, json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.usefixtures("world")
 @pytest.mark.parametrize(
     ("made", "content", "by"),
@@ -84,7 +63,7 @@ def test_our_own_plates_pass(
 ) -> None:
     assert main(["plate", "scene.toml", *made, *content, "--out", "own.zarr", "--quiet"]) == 0
     capsys.readouterr()
-    status, result = judged(capsys, "own.zarr")
+    status, result = run(capsys, "own.zarr")
     assert (status, result["verdict"], result["diagnosis"]) == (0, "pass", [])
     assert result["source"] == f"own.zarr, array {by}"
 
@@ -102,7 +81,7 @@ def test_hogels_that_were_never_drawn_are_missing(capsys: pytest.CaptureFixture[
     part = ("plate", "scene.toml", "--truth", "--ids", "--apertures", "0-1,0", "--out", "own.zarr")
     assert main([*part, "--quiet"]) == 0
     capsys.readouterr()
-    status, result = judged(capsys, "own.zarr")
+    status, result = run(capsys, "own.zarr")
     assert status == 1
     assert [hogel["verdict"] for hogel in result["hogels"]] == ["pass"] * 2 + ["missing"] * 4
     assert "hogel 2,0 was never drawn" in result["hogels"][2]["problem"]
