@@ -268,10 +268,10 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
 @pytest.mark.parametrize(
     ("line", "work"),
     [
-        ("cost boxes.toml", "cost.cost"),
-        ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
-        ("compare a.exr b.exr", "comparison.compare_files"),
-        ("study figure7 boxes.toml", "figure7.write_figure"),
+        ("cost boxes.toml", "reports.cost.cost"),
+        ("verify boxes.toml {i}x{j}.png", "reports.verification.verification.verify"),
+        ("compare a.exr b.exr", "reports.image_files.compare_files"),
+        ("study figure7 boxes.toml", "research.paper.write_figure"),
     ],
 )
 @pytest.mark.usefixtures("scene")
@@ -279,7 +279,7 @@ def test_a_folder_that_cannot_be_written_is_reported_before_any_work(
     line: str, work: str, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     Path("a-file").touch()
-    monkeypatch.setattr(f"xfrustum.reports.{work}", lambda *args, **how: pytest.fail("was begun"))
+    monkeypatch.setattr(f"xfrustum.{work}", lambda *args, **how: pytest.fail("was begun"))
     message = command(f"{line} --out a-file", status=2).err
     assert "--out a-file: a-file is not a folder" in message
 
