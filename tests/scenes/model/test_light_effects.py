@@ -109,7 +109,7 @@ def test_effects_are_chosen_by_name() -> None:
         InputError, match="no effect is called 'shine'; use auto, or all, or names out of c, c"
     ):
         chosen(scene(), "c,shine")
-    with pytest.raises(InputError, match="not a mixture: not 'auto,specular'"):
+    with pytest.raises(InputError, match="no mixture: not 'auto,specular'"):
         chosen(scene(), "auto,specular")
 
 
