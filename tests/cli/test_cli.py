@@ -118,6 +118,8 @@ def test_report_prints_the_best_setting_and_the_path_of_the_page(
     scene: str, command: Command
 ) -> None:
     line = f"report {scene} --near 1,0.01 --apertures '2,1;0,2' --depth d24 --no-causes"
+    files = command(f"{line} --json").record["files"]
+    assert files["parquet"] == "report/two-boxes/measurements.parquet"
     printed = command(f"{line} --quiet")
     assert printed.err == ""
     assert printed.out.startswith("At 2 hogels (2,1; 0,2): best of 2 settings: near ")

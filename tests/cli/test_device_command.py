@@ -128,9 +128,10 @@ def test_a_file_that_is_no_model_is_refused_in_one_line(
 def test_a_recording_that_fits_no_scene_is_refused(tmp_path: Path, command: Command) -> None:
     device = json.dumps({"renderer": "llvmpipe", "subpixel_bits": 8})
     strange: dict[str, Any] = {"car|0.01|d24|standard|40,30": np.full((4, 4), 10**6, np.int32)}
-    np.savez(tmp_path / "frames.npz", device=device, **strange)
-    line = f"device --replay {tmp_path}/frames.npz --quiet"
-    assert "triangle 1000000" in command(line, status=2).err
+    for frames, words in (({}, "no frames"), (strange, "triangle 1000000")):
+        np.savez(tmp_path / "frames.npz", device=device, **frames)
+        line = f"device --replay {tmp_path}/frames.npz --quiet"
+        assert words in command(line, status=2).err
 
 
 @pytest.fixture
