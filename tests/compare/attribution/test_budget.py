@@ -43,10 +43,8 @@ from xfrustum.scenes.representation import decoded, encoded
 NEARS = (1e-1, 1e-3, 1e-5, 1e-8)  #: near offsets as fractions of the reach
 
 FILM = (192, 144)
-SMALL_FILM = (
-    96,
-    72,
-)  #: film of every setting on every scene, and of the quick test, pixels
+SMALL_FILM = (64, 48)
+"""Film of the settings that run every time, pixels."""
 
 
 def options(reach: float) -> list[dict[str, Any]]:

@@ -474,7 +474,7 @@ def torus_and_sphere(folder: Path, hogels: tuple[int, int], resolution: tuple[in
 
 def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
     """In a single hogel, a shear of the opposite sign looks the same."""
-    scene = torus_and_sphere(tmp_path, (1, 1), (80, 48))
+    scene = torus_and_sphere(tmp_path, (1, 1), (60, 36))
     model = RendererModel(screen_center=(-2 * CENTER_X, 0.0))
     (defect,) = diagnosed(scene, model, [(0, 0)]).values()
     assert defect.fault == "screen-center-x" and defect.explains == 1.0
@@ -495,7 +495,7 @@ def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
 
 
 def test_numbers_are_restored_from_the_stated_offset_cameras(tmp_path: Path) -> None:
-    scene, nominal = torus_and_sphere(tmp_path, (1, 1), (80, 48)), RendererModel(near=6.0)
+    scene, nominal = torus_and_sphere(tmp_path, (1, 1), (60, 36)), RendererModel(near=6.0)
     (image,), (centered,) = (
         observed(scene, model, [(0, 0)]).images for model in (nominal, NOMINAL)
     )
