@@ -29,11 +29,7 @@ BATCH = 50  # number of inputs in one task of a worker
 PREPARED = (
     *("tests.fuzz.entries", "skimage.measure"),
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
-    *(
-        "xfrustum.reports.image_files",
-        "xfrustum.reports.plate.plate",
-        "xfrustum.reports.image_files",
-    ),
+    *("xfrustum.reports.image_files", "xfrustum.reports.plate.plate"),
     *("xfrustum.reports.scene_check.checking", "xfrustum.reports.exchange.convert"),
     *("xfrustum.reports.conformance", "xfrustum.reports.device"),
     "xfrustum.reports.verification.verification",
