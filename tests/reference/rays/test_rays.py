@@ -131,7 +131,7 @@ def test_trees_of_equal_and_growing_triangles_are_shallow(growth: float) -> None
     """Equal or growing boxes must not reduce clustering to one merged pair in each round."""
     count = 200
     size = growth ** np.arange(-count, 0)
-    triangles = size[:, None, None] * np.diag([1.0, 0.1, 0.1])
+    triangles = np.asarray(size[:, None, None] * np.diag([1.0, 0.1, 0.1]), dtype=np.float64)
     tree = build_tree(triangles)
     assert boxes_hold(tree, triangles)
     depth = np.zeros(len(tree.skip), dtype=int)

@@ -1,5 +1,6 @@
 """A report recommends a window of near offsets that measurements cannot separate."""
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,9 @@ def some(count: int, first: int = 0) -> Mask:
     return np.isin(np.arange(PIXELS), np.arange(first, first + count))
 
 
-def known(record: type, **values: Any) -> Any:
+def known(record: type[Any], **values: Any) -> Any:
     """Return a record in which all other fields are None."""
-    return record(**(dict.fromkeys(record.__dataclass_fields__) | values))
+    return record(**(dict.fromkeys(field.name for field in fields(record)) | values))
 
 
 def judged(
@@ -68,7 +69,8 @@ def judged(
         "causes": (),
         "wrong": {name: PixelSet.from_mask(mask) for name, mask in wrong.items()},
     }
-    return known(Measurement, **(row | changes))
+    measurement: Measurement = known(Measurement, **(row | changes))
+    return measurement
 
 
 def test_surfaces_come_first_and_displacement_decides_among_equal_ones() -> None:

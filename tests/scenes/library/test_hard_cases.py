@@ -242,7 +242,7 @@ def shows(*names: str, apertures: tuple[Index, ...] = (MIDDLE,)) -> Callable[[Fo
     return register
 
 
-def inside(values: Indices, limits: tuple[float, float]) -> Mask:
+def inside(values: Indices | np.int64, limits: tuple[float, float]) -> Mask:
     return np.asarray((values > limits[0]) & (values < limits[1]))
 
 
