@@ -98,6 +98,12 @@ def test_the_bound_of_one_sample_holds_on_finite_plates(count: int, scattered: b
     assert failed / SEEDS < FAILURES
 
 
+@pytest.mark.parametrize("longest", [1, 100, 400])
+def test_the_bound_holds_if_only_the_longest_runs_are_beyond(longest: int) -> None:
+    """A sample of 1000 of 1501 hogels has 501 runs of two hogels: they weigh more in the plate."""
+    assert share_beyond(longest, 1000, 1501) >= 2 * longest / 1501
+
+
 def test_the_bound_for_draws_with_replacement_is_conservative_for_draws_without() -> None:
     """Compute how often the bound fails, with the hypergeometric and the binomial distribution."""
     bounds = np.array([share_at_most(count, 40) for count in range(41)])

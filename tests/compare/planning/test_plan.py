@@ -145,6 +145,26 @@ def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
     assert np.median(ratios) < 1.1
 
 
+@pytest.mark.parametrize("near", [5.0, 10.0])
+def test_the_bound_of_a_wall_close_to_the_plate_is_the_displacement_of_the_drawing(
+    near: float,
+) -> None:
+    """A wall at |z| is drawn u n / |z| away from where the point belongs, at the pixel u."""
+    film, z = (6, 4), -10.0
+    corners = np.array([[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]]) * [100, 100, 1]
+    wall = SceneObject(name="wall", vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    scene = replace(view("asymmetric", film), objects=(wall,))
+    settings, middle = reversed_d32f(near), scene.plate.middle
+    truth = Reference(scene).trace(middle)
+    bound = displacement_bound(truth, scene.frustum, settings)
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.render(middle, settings, normals=False, color=False)
+    moved = np.linalg.norm(displacement(drawn, truth.camera), axis=-1)
+    # The corner pixel's center is 2.5 and 1.5 pixels off the axis.
+    assert bound == pytest.approx(near / abs(z) * np.hypot(2.5, 1.5), rel=1e-5)
+    assert moved.max() == pytest.approx(bound, rel=1e-5)
+
+
 # No simpler settings meet the requirement.
 
 NEEDING_CUTS = [
