@@ -64,7 +64,7 @@ def write_device(record: DeviceRecord, out: Path) -> tuple[Path, ...]:
 
 
 def listed() -> dict[str, Any]:
-    """Return all devices of EGL, and the reason for an overlooked card."""
+    """Return all EGL devices, and advice about a GPU that EGL does not use."""
     return {"devices": [vars(device) for device in egl_devices()], "overlooked": overlooked_card()}
 
 

@@ -76,7 +76,7 @@ class Basis(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Extent of the images on which a diagnosis is based."""
+    """Basis of a diagnosis: method, numbers of hogels and claims, and whether the claims hold."""
 
     basis: Basis = Basis.NOTHING
     hogels: int = 0  #: number of hogels that were used

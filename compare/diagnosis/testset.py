@@ -253,7 +253,7 @@ class TestSet:
         return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def mask(self, model: RendererModel, *, explained: bool = False) -> Mask:
-        """Return a candidate's wrong pixels (N, H, W); if `explained`, only without a cause."""
+        """Return a candidate's wrong pixels (N, H, W); `explained` omits pixels with a cause."""
         if (model, explained) not in self.masks:
             pairs = [
                 wrong_pixels(self.reference, model, image, self.judging, explained=explained)

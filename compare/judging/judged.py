@@ -262,7 +262,7 @@ class ColorFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class HogelNumbers:
-    """Figures of the difference of one image from a model's answer, as written to JSON."""
+    """Comparison of one image with the expected image, in numbers, as written to JSON."""
 
     shown: int  # judged pixels where the image or the expected image shows a surface
     by: str  # what `wrong` counts: triangle, object, color, outlines, or coverage

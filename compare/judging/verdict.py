@@ -217,7 +217,7 @@ class Limits:
         return (*checks, moved)
 
     def mends(self, as_found: Figures, corrected: Figures, model: RendererModel) -> bool:
-        """Return whether an image is right after correction, wrong pixels by rounding excused.
+        """Return whether an image is right after correction, except for pixels wrong by rounding.
 
         An image that failed before correction must pass. An image that could not be judged before
         does not refute the correction unless it fails.

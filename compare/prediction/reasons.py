@@ -10,7 +10,7 @@ class Reason(StrEnum):
     """Reason why a prediction is not valid."""
 
     CROSSES = "crosses-plate"  #: surfaces cross the plate, showing points from outside the film
-    STARVED = "starved-depth"  #: the depth buffer shows other surfaces than the displaced ones
+    STARVED = "starved-depth"  #: the depth buffer makes too many pixels wrong
     ROUNDED = "below-float32"  #: the displacement is smaller than the rounding of positions
     LARGE = "large-triangles"  #: float32 rounds the depth of triangles far larger than the plate
     PARALLEL = "parallel-to-plate"  #: the depth of all pixels of a surface is rounded equally

@@ -503,7 +503,7 @@ def _compressed(mask: Any, *columns: Any) -> tuple[Any, ...]:
 
 
 def _nearest(place: Fraction, exponent: int) -> float:
-    """Return the double nearest to place 2^exponent."""
+    """Return the double nearest to `place` times 2^exponent."""
     return nearest_double(place * Fraction(2) ** int(exponent))
 
 

@@ -289,7 +289,7 @@ def plate_size(
 ) -> PlateSize:
     """Return the size of the unfinished hogels of a plate.
 
-    With `files`, an image of each hogel is also written in a layout of files.
+    `files` adds the size of an image file of each hogel.
     """
     hogels = len(apertures) - _finished(out, apertures)
     per_hogel = arrays.hogel_bytes + 8 * len(arrays.measures)

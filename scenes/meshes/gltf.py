@@ -308,7 +308,7 @@ def _local(
         shares = attribute(name.replace("JOINTS", "WEIGHTS"), 4, shares=True)
         if shares is None or gltf.accessor(names[name]).count != count:
             raise gltf.error("joints of a skin have no weights")
-        # Joints are stored as integers. Integer weights are shares even if not declared normalized.
+        # Joints are stored as integers. Integer weights are normalized even if not declared so.
         joints.append((gltf.stored(names[name], 4)[used].astype(np.int64), shares))
     points = attribute("POSITION", 3)
     assert points is not None  # tested above

@@ -47,7 +47,7 @@ def scouted(ball_behind_a_plate: Scene) -> PlateScan:
 def test_the_worst_aperture_lies_over_the_surface_nearest_to_the_plate(
     scouted: PlateScan, ball_behind_a_plate: Scene
 ) -> None:
-    """The scan covers a third of the hogels, with corners and middle, or a whole small plate."""
+    """A large plate is scanned in part, with corners and middle; a small plate is scanned fully."""
     worst = scouted.worst(1)[0]
     assert max(abs(worst.aperture.column - OVER[0]), abs(worst.aperture.row - OVER[1])) <= 1
     assert GAP <= worst.nearest < 1.2 * GAP

@@ -157,8 +157,8 @@ def test_the_fewest_slabs_that_are_enough_are_the_outcome_and_a_window_ends_at_i
 def test_the_least_near_orders_the_separation_and_half_of_it_does_not(buffer: DepthBuffer) -> None:
     near = least_near(buffer)
     hyperbolic = buffer[1] in {DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED}
-    # Reversed float depth resolves the same share of any distance; depth that fragments write, at
-    # least as much.
+    # Reversed float depth, and depth written by fragments, resolve the separation at the smallest
+    # near that is tried.
     assert (near is None) == (not hyperbolic or buffer == EXACT)
     if near is not None:
         # One step of b bits is w^2 / (n 2^b); roundings only increase the error.

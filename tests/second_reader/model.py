@@ -1,4 +1,4 @@
-"""Result of the second reader, number formats of texts, and matrices with rounding bounds."""
+"""Result of the second reader, parsing of numbers and lines, and matrices with rounding bounds."""
 
 from __future__ import annotations
 

@@ -78,8 +78,8 @@ def weights_on_triangles(
     """Return corner weights (N, 3) and unit eye vectors (N, 3) of pixels with a surface.
 
     Every pixel's line is the line of its camera, parallel to the true line and offset by near.
-    Weights apply at points offset from the pixels' centers by columns and rows; eye vectors, at
-    centers.
+    Weights are for points `shift_px` (columns, rows) away from the pixel centers. Eye vectors are
+    for the centers.
     """
     settings, camera = image.camera.settings, image.camera
     assert settings is None or settings.slabs == ()

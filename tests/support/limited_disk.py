@@ -30,7 +30,7 @@ class Outcome:
 
 
 def run(arguments: Sequence[str], limits: Sequence[int], folder: Path) -> list[Outcome]:
-    """Run a command that writes to the folder `out` below a folder, once with each limit."""
+    """Run a command once with each limit; it writes to the subfolder `out` of `folder`."""
     request = json.dumps({"arguments": list(arguments), "limits": list(limits)})
     program = [sys.executable, "-m", "tests.support.limited_disk", str(folder)]
     checkout = Path(__file__).resolve().parents[2]

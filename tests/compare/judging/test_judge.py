@@ -1,4 +1,4 @@
-"""Judging of many hogels at once: the numbers of each hogel alone, in order."""
+"""Judging many hogels at once gives the same numbers as judging each hogel alone, in order."""
 
 import threading
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Pages show texts as text, run only scripts of the package, and load nothing."""
+"""Pages escape texts, run only scripts of the package, and load no other files."""
 
 import base64
 import hashlib
