@@ -1,14 +1,14 @@
 """Errors of images against the truth: measured, predicted, explained, and judged.
 
 * attribution: error budget, wrong pixels and radiance errors charged to links of the chain
-* comparison: truth against raster, pixel by pixel and in numbers, with radiance
+* comparison: errors of a raster image against the truth, by pixel and in numbers, with radiance
 * diagnosis: defects of a foreign renderer that explain its errors
 * error_maps: errors of each pixel, and pairs of pictures
 * eye_loss: views replayed to an eye, and the losses of the display and of a renderer
 * fingerprints, recorded: rounding of an OpenGL device, from test pictures and recorded frames
-* judging: hogels of a foreign renderer judged
+* judging: verdicts on hogels of a foreign renderer
 * noticeable: near offsets and depth buffers that a viewer notices, in closed form
-* planning: settings to draw with, the fewest slabs and then the largest margin
+* planning: search for drawing settings with the fewest slabs, then the largest margin
 * prediction: closed forms of every error, from the geometry of the truth alone
 * rational, selfcheck: independent truth in integers, and the reference compared with it
 * renderer_model: model of a foreign renderer, with conventions, geometry and pictures
@@ -20,7 +20,7 @@
 
 import lazy_loader
 
-# Names are imported when first used: closed forms answer without loading the reference.
+# Names are imported when first used: closed forms run without loading the reference.
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={

@@ -5,7 +5,7 @@
 **Radiance.** The error of an image is a sum of signed differences, link by link (docs/method.md).
 In the chain's own links, from near offset to depth, the surface points of every image are shaded as
 the true frustum shows them. Each link then contains only the error of *showing another point*. The
-bend of the eye vector belongs to a point, not to a pixel, and is counted once:
+error of the eye vector belongs to a point, not to a pixel, and is counted once, in its own link:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output

@@ -1,4 +1,4 @@
-"""Truth against raster, pixel by pixel and in numbers: surfaces and radiance.
+"""Errors of a raster image against the truth, by pixel and in numbers: surfaces and radiance.
 
 The measures are defined in docs/method.md, "Comparison".
 
@@ -109,8 +109,8 @@ def compare_with_noise(
 ) -> NoiseTest:
     """Test a noise-free picture (H, W, 3) of linear RGB against the limit of a noisy reference.
 
-    `judged` (H, W) has the pixels to be tested. Leave out pixels in which a surface may cover less
-    than 1 - (level of one test)^(1 / samples): all samples may miss this surface by chance, so that
+    `judged` (H, W) marks the tested pixels. Leave out pixels in which a surface may cover less than
+    1 - (level of one test)^(1 / samples): all samples may miss this surface by chance, so that
     it affects neither mean nor variance. `rounding` is the radiance by which picture and mean may
     differ for other reasons than noise, such as rounding to float32. It is the only tolerance of
     pixels whose samples do not vary.
@@ -228,7 +228,7 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None
         variance_of_mean=full.variance_of_mean + without.variance_of_mean,
         samples=min(full.samples, without.samples),
     )
-    # The null hypothesis is no effect: a rasterizer misses the pixels that differ.
+    # Test the null hypothesis of no effect. Pixels that differ are wrong in a rasterizer's image.
     change = difference.mean
     everywhere = np.ones(change.shape[:2], dtype=np.bool_)
     test = compare_with_noise(np.zeros(change.shape), difference, everywhere)
@@ -396,7 +396,7 @@ def compare_radiance(
 
 
 def away_from_edges(truth: HogelImage, raster: HogelImage) -> Mask:
-    """Return the pixels (H, W) with the same triangle in both images, shaded continuously."""
+    """Return the pixels (H, W) at which truth and raster show the same triangle."""
     return np.asarray(
         (truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING)
     )

@@ -39,7 +39,7 @@ FLOATING_SHARE, FLOATING_DOUBTS = 0.01, 10
 Storage coarser than float32 moves points along their lines off slanted surfaces. A multiple of its
 rounding is added."""
 SNAPPED_PX = (
-    0.25  #: largest displacement of a drawn edge by snapping, pixels; 4 subpixel bits snap by 0.05
+    0.25  #: bound on the displacement of an edge by snapping, pixels; 0.05 with 4 subpixel bits
 )
 Places = tuple[Floats, Floats]
 """Columns and rows (N,) of points on a film; centers of pixels are integers, rows count down."""
@@ -140,7 +140,7 @@ class DrawnPoints:
         return cls(pixels=pixels, coordinates=coordinates, triangle=triangle, doubt=doubt)
 
     def at(self, some: Indices) -> DrawnPoints:
-        """Return some of the points, given by their places (M,) among these."""
+        """Return some of the points, given by their indices (M,)."""
         coordinates, triangle = self.coordinates.take(some, axis=1), self.triangle.take(some)
         doubt = None if self.doubt is None else self.doubt.take(some, axis=0)
         pixels = self.pixels.take(some)
@@ -308,8 +308,8 @@ def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
 def _beyond_film(points: DrawnPoints, places: Places, bundle: RayBundle, scene: Scene) -> Mask:
     """Return the points (N,) that belong outside the film of a ray bundle, beyond rounding.
 
-    On the film, the error bound of a point is divided by w t, with w the depth from the center of
-    the lines: |z| for the true frustum.
+    On the film, the error bound of a point is divided by w t. Here w is the depth from the center
+    of the lines, |z| for the true frustum, and t is the half-extent of the film.
     """
     # Projection divides by the depth: an error e of a point moves it by e / (w t) film units.
     tolerance = points.surface_points(scene).tolerance / np.abs(

@@ -255,7 +255,7 @@ class LossMaps(ShortRepr):
     flip: Floats | None
 
     def numbers(self) -> Loss:
-        """Return the figures of the maps."""
+        """Return the loss in numbers, from the maps."""
         judged = int(self.judged.sum())
         wrong = None if self.wrong is None else int(self.wrong.sum())
         moved, depth = self.displacement_arcmin[self.judged], self.depth_error[self.judged]

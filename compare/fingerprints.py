@@ -53,7 +53,7 @@ TIES = ("left and bottom", "left and top", "right and bottom", "right and top")
 
 @dataclass(frozen=True, kw_only=True)
 class Within:
-    """Number of a device's values that lie between the bounds of a model."""
+    """Number of a device's measured values that lie between the bounds of a model."""
 
     pixels: int
     #: number of values between the bounds
@@ -135,7 +135,7 @@ class Measured:
 
     @cached_property
     def viewport(self) -> dict[str, int]:
-        """Number of wrong pixels for each way of rounding corners to the grid, by its best rule."""
+        """Number of wrong pixels by way of rounding corners to the grid, with its best tie rule."""
         return {name: min(self._differs(self.subpixel_bits, name).values()) for name in ROUNDED}
 
     @cached_property
@@ -258,7 +258,7 @@ class Measured:
         return Within.from_ratio(off[0] & off[1], np.array(bounds))
 
     def filtered_within(self, model: DeviceModel) -> Within:
-        """Compare filter weights, means of texels of 0 and 1, with the bounds of a model."""
+        """Compare filter weights, measured on texels of 0 and 1, with the bounds of a model."""
         filtered = self.fingerprint.filtered
         exact = (np.arange(len(filtered)) + 0.5) / len(filtered)
         bound, safe = (

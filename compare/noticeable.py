@@ -1,4 +1,4 @@
-"""Noticeable effects of a near offset and of a depth buffer on an eye, in closed form.
+"""Effects of a near offset and of a depth buffer that an eye notices, in closed form.
 
 By the theorem of docs/method.md, "The near offset as a viewer perceives it", all lines on which
 hogels replay one drawn surface point P cross in one point, P + m (kx, ky, -1) behind the plate and

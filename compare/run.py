@@ -75,7 +75,7 @@ def in_order(tasks: Iterable[Future[Result]], most: int) -> Generator[Result, No
 
 @dataclass(frozen=True, kw_only=True)
 class FrameRequest:
-    """Measures of frames in addition to geometry."""
+    """Requested measurements of frames in addition to their geometry."""
 
     color: bool = False  #: color of frames
     colored_truths: bool = True  #: color of truths, if frames have color

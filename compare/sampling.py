@@ -194,7 +194,10 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
 
 
 def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
-    """Return an upper bound, wrong with probability `risk`, on the share of a plate's hogels."""
+    """Return an upper bound on the share of the plate's hogels beyond the limits.
+
+    The bound is wrong with at most the probability `risk`.
+    """
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
         return possible
@@ -313,7 +316,7 @@ class PlateSample:
         return self.population if isinstance(self.population, range) else self.population.tolist()
 
     def extent(self, judged: int, look: int = 0, *, complete: bool = True) -> SampleExtent:
-        """Return the extent of the judged hogels, with its bounds."""
+        """Return the number of judged hogels, with the resulting bounds."""
         return SampleExtent(sample=self, judged=judged, look=look, complete=complete)
 
 

@@ -1,4 +1,4 @@
-"""Comparison of the reference with integer brute force, pixel by pixel, and a closed sphere.
+"""Comparison of the reference with integer brute force by pixel, and test on a closed sphere.
 
 Truths by direction are compared with truths by hogels as well. A tile of hogels is traced hogel by
 hogel, and some of its pixels are traced by direction. All bits must be equal, and the integer

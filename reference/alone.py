@@ -92,7 +92,7 @@ class Decision:
 def open_reference(
     scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None
 ) -> Reference:
-    """Return a scene's reference, certified or a tracer's images; `effects` as in `Reference`.
+    """Return a scene's certified reference, or a `PlainReference`; `effects` as in `Reference`.
 
     Raises InputError for an unknown tracer, and for a scene that a single tracer does not support.
     """

@@ -31,7 +31,7 @@ def eye_bundle(scene: Scene, eye: Eye, point: Floats | None = None) -> RayBundle
     """Return the rays of an eye's film through a point (2,) relative to the center of the pupil.
 
     None is the center. Rays of one pixel through different points meet in the plane of focus.
-    Surfaces count within the reach of the plate, and in front of the eye.
+    Only surfaces within the reach of the plate and in front of the eye count.
     """
     x, y, height = eye.position
     shear, center = [-x / height, -y / height], [x, y]
@@ -68,7 +68,7 @@ def _pixels_on_axis(
     # The hogel whose cell contains the point of the plate; rows count down.
     hogel = np.floor((size / 2 + sign * met) * hogels / size)
     hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
-    # Places on the film: whole numbers at centers of pixels, NaN outside the film.
+    # Positions on the film: integers at centers of pixels, NaN outside the film.
     place = np.full(len(slope), np.nan)
     for number in np.unique(hogel[hogel != NONE]).tolist():
         shear, half_extent = film_window(
@@ -91,7 +91,7 @@ def _pixels_on_axis(
 
 
 def _on_axis(axis: int, number: int) -> tuple[int, int]:
-    """Return a hogel of a column (axis 0) or row; its hogels share their film along the axis."""
+    """Return one hogel of a column (axis 0) or row, whose hogels have equal film along the axis."""
     return (number, 0) if axis == 0 else (0, number)
 
 
@@ -175,7 +175,7 @@ class EyeReference:
             points = eye.pupil_points
             for point in points:
                 rays = eye_bundle(self.scene, eye, point)
-                # Surfaces belong to the center of the pupil, color to all of its points.
+                # The center of the pupil determines surfaces, and all of its points average color.
                 seen = decided if len(points) == 1 else self._decided(rays)
                 places = np.asarray(rays.center) + seen.s[..., None] * rays.directions()
                 color += self._shader.picture(seen.triangle, places, rays.directions()) / len(

@@ -1,4 +1,4 @@
-"""Pixel to line, the definition of truth, and triangles on these lines, in NumPy.
+"""Lines of pixels, which define the truth, and triangles on these lines, in NumPy.
 
 Source: CONVENTIONS.md, "Frames"; the paper, sections 3 and 5. Planes of triangles and distances
 from them have no rounding bounds. Facing, which determines the culled triangles (paper, section 3),

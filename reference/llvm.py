@@ -40,7 +40,7 @@ FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
 THREADS_VARIABLE = "XFRUSTUM_THREADS"
 
 #: Environment variable for the device of Dr.Jit's arrays, and its values. `auto`, the default,
-#: takes CUDA if the machine has a card
+#: selects CUDA if Dr.Jit detects an NVIDIA GPU
 DEVICE_VARIABLE, DEVICES = "XFRUSTUM_DEVICE", ("auto", "llvm", "cuda")
 
 Version = tuple[int, int, int]
@@ -184,7 +184,7 @@ def prepare_llvm() -> str:
         return FOUND_BY_DRJIT
     if (
         "HOME" not in os.environ
-    ):  # Without HOME, Dr.Jit prints a message: name a cache folder in the home of the user's entry
+    ):  # Without HOME, Dr.Jit prints a message: name a cache folder in the user's home folder
         with suppress(RuntimeError):
             os.environ.setdefault(CACHE_VARIABLE, str(Path.home() / ".drjit"))
     named = os.environ.get(LLVM_VARIABLE)

@@ -319,7 +319,7 @@ def averages(sampling: Sampling) -> bool:
 
 
 def points_per_side(sampling: Sampling) -> int:
-    """Return the points along each side of a pixel that average color, also for multisampling."""
+    """Return the number of color samples along each side of a pixel, also for multisampling."""
     return (
         sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
     )
@@ -358,7 +358,7 @@ def mean_color(
 
 
 #: Number of independent estimates. Eight determine the standard error of a pixel to one part in
-#: sqrt(2 (8 - 1)), and of a picture, the root mean square over its pixels, far better.
+#: sqrt(2 (8 - 1)), and its root mean square over the pixels of a picture far better.
 SCRAMBLINGS = 8
 
 #: Initial number of points of each scrambling: with fewer, all estimates may miss an edge
@@ -399,7 +399,7 @@ def converged(
     ]
     sums, count, more = [np.zeros(())] * SCRAMBLINGS, 0, FIRST_POINTS
     while True:
-        # Doubling keeps all points so far: a Sobol sequence extends itself.
+        # Doubling keeps all points so far, because they are the beginning of a Sobol sequence.
         for index, engine in enumerate(engines):
             points = _spread(plate, aperture, engine.random(more))
             sums[index] = sums[index] + more * mean(points)

@@ -48,7 +48,7 @@ MIN_SQUARED_AREA = 2.0**-1000
 
 
 class Table:
-    """Numbers, or rows of three, looked up by index."""
+    """Numbers, or rows of three numbers, looked up by index."""
 
     def __init__(self, entries: NDArray[Any]) -> None:
         mi = vector_backend().mitsuba
@@ -66,7 +66,7 @@ class Table:
         return mitsuba_backend().drjit.gather(type(self._array), self._array, index)
 
     def vector(self, row: Any) -> Any:
-        """Return a row of three as a vector of doubles."""
+        """Return a row of three numbers as a vector of doubles."""
         backend = mitsuba_backend()
         return backend.mitsuba.Vector3d(backend.drjit.gather(self._vector, self._array, row))
 
@@ -251,7 +251,7 @@ SINGLE = 2.0**-24
 #: closer to their caster than this distance, some 4e-6 of the scene's size, are lost.
 CLEARANCE = 64
 
-#: Number of bounces without Russian roulette; its largest probability that a path goes on
+#: Number of bounces before Russian roulette, and the largest probability that a path survives it
 FREE_BOUNCES, MAX_CHANCE = 3, 0.95
 
 #: Logarithm below which a power is taken as zero: it is 1e-304, and float64 ends at 1e-308

@@ -1,9 +1,10 @@
 """True images: decisions of `certify` for each pixel, with points, normals and color.
 
-An image is decided hogel by hogel, or with all hogels of a tile, direction by direction, with the
-same bits: one pixel of all hogels is certified at once (`certify.directions`), so that the broad
-phase of the filter runs once for each pixel of a hogel, and not once for each hogel. Results are
-stored by direction, and read by hogel. `chosen_order` returns the order with fewer passes.
+Images are decided hogel by hogel, or direction by direction for all hogels of a tile. Both orders
+give the same bits. By directions, one pixel of all hogels is certified at once
+(`certify.directions`), so that the broad phase of the filter runs once for each pixel of a hogel,
+and not once for each hogel. These results are stored by direction, and read by hogel.
+`chosen_order` returns the order with fewer passes.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ from xfrustum.scenes.plate import (
 #: more with gaps: 440 MB, or 970 MB.
 TILE_PIXELS = 1 << 25
 
-#: triangles across the plate whose boxes are compared with apertures at once
+#: number of triangles through the plate whose boxes are compared with apertures at once
 TOUCHING_AT_ONCE = 1 << 14
 
 
@@ -526,7 +527,7 @@ def row_tile(plate: Plate, first: int, stop: int) -> PlateTile:
 def with_references(
     reference: Reference, order: TruthBy, apertures: Iterable[Aperture]
 ) -> Iterator[tuple[Aperture, Reference]]:
-    """Yield apertures with the reference of their truths; by directions, all of the plate's."""
+    """Yield apertures, each with its reference; by directions, all apertures of the plate."""
     if order is not TruthBy.DIRECTIONS:
         yield from ((aperture, reference) for aperture in apertures)
         return

@@ -134,8 +134,8 @@ def hypotheses_in(model: RendererModel) -> list[Hypothesis]:
 def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[Defect, ...]:
     """Return the differences between a candidate and the nominal model.
 
-    A number is a defect if its interval excludes the nominal value, and its deviation is large
-    enough to be reported (`smallest_named`).
+    A parameter counts as a defect if its interval excludes the nominal value, and its deviation is
+    large enough to be reported (`smallest_named`).
     """
     model, names = fit.model, [_names(scene, nominal, other) for other in fit.alternatives]
     defects = []
@@ -179,7 +179,7 @@ def defects_of(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> tuple[
 
 
 def _of_hogels(model: RendererModel) -> Iterator[Defect]:
-    """Yield the defects of hogels that show another's image: stale hogels and exchanged pairs."""
+    """Yield defects of hogels with another hogel's image: stale hogels and exchanged pairs."""
     first = {index: others[0] for index, others in model.shows}
     pairs = {index for index, other in first.items() if first.get(other) == index}
     for name, chosen in ((STALE, first.keys() - pairs), (EXCHANGED, pairs)):
@@ -194,7 +194,7 @@ def _others(name: str, names: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
 
 def one_camera_name(name: str, model: RendererModel) -> str:
-    """Return a number's defect name, with back- or front- before it if only one camera deviates."""
+    """Return a parameter's defect name, prefixed back- or front- if only one camera deviates."""
     camera = model.one_camera
     if camera is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
         return name
@@ -206,7 +206,7 @@ def _shear_name(recentering: Recentering) -> str:
 
 
 def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[str]:
-    """Return the names of a model's defects of shear, mirrored films and numbers."""
+    """Return the names of a model's defects: wrong shear, mirrored films, deviating parameters."""
     off = np.abs(model.parameters - nominal.parameters) > smallest_named(scene)
     names = [] if model.recentering is nominal.recentering else [_shear_name(model.recentering)]
     names += [
@@ -216,7 +216,7 @@ def _names(scene: Scene, nominal: RendererModel, model: RendererModel) -> list[s
 
 
 def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator[Defect]:
-    """Yield a defect with an interval for each number that deviates from nominal."""
+    """Yield a defect with an interval for each parameter that deviates from nominal."""
     values, stated, screen = fit.model.parameters, nominal.parameters, scene.frustum.screen
     off = np.abs(values - stated) > smallest_named(scene)
     odd = np.flatnonzero(off & ~((fit.low <= stated) & (stated <= fit.high)))
@@ -226,7 +226,7 @@ def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator
     for place, own in zip(odd.tolist(), named, strict=True):
         name, unit = FAULT_NAMES[place], units.get(KINDS[place], scene.units)
         numbers = np.array([entry[place] for entry in (values, stated, fit.low, fit.high)])
-        # Screen positions are converted to scene units; other numbers are unchanged.
+        # Screen positions are converted to scene units; other parameters are unchanged.
         if screen is not None and name == "screen-height":
             numbers, unit = screen.height * numbers, scene.units
         elif screen is not None and name.startswith("screen-center"):
@@ -250,7 +250,7 @@ def _numbers(scene: Scene, nominal: RendererModel, fit: GeometryFit) -> Iterator
 
 
 def _instead(own: str, names: Sequence[str]) -> Sequence[str]:
-    """Return the names that can replace a number: ratios for a ratio, numbers of the same axis."""
+    """Return names that can replace a parameter: ratios for a ratio, with the same axis or none."""
     alike = [name for name in names if _is_ratio(name) == _is_ratio(own)] or names
     axis = axis_of(own)
     return [name for name in alike if not axis or axis_of(name) in ("", axis)] or alike

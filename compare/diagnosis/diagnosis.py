@@ -60,7 +60,7 @@ MAX_CAMERA_DEFECTS = 2
 TRIED_VIEW_SHEARS, FINER_STEPS = np.geomspace(0.4, 2.5, 185), np.linspace(-0.015, 0.015, 61)
 VIEW_SHEAR_CAP_PX = 4.0
 
-# Numbers that look like a wrong shear in a single aperture if they deviate along both axes.
+# Parameters that look like a wrong shear in a single aperture if they deviate along both axes.
 MOVED_BY_SHEARS = ("screen-center", "back-shift", "front-shift")
 
 
@@ -286,7 +286,7 @@ def _with_other_defects(
         of_named = test.of(odd) if odd else test
         if not (test.explains(model) and test.spares(model) and of_named.explains(model)):
             continue
-        # The intervals of a failed fit are too wide, and would hide numbers that improve the
+        # The intervals of a failed fit are too wide, and would hide deviations that improve the
         # explanation.
         known = fit if fit.holds else fit.unbounded(test.nominal)
         faults = _named(of_named, replace(known, model=model, alternatives=()))
@@ -386,11 +386,11 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
         best = next(filter(test.explains, fit.alternatives), None)
         others = [fit.model, *(other for other in fit.alternatives if other != best)]
     if best is None:
-        # Step 3: nominal numbers and gross mistakes, because other defects may have distorted the
-        # fit.
+        # Step 3: try nominal parameters and gross mistakes, because other defects may have
+        # distorted the fit.
         best = test.reduced(min(_unfitted(test, fit, model, shears), key=test.wrong))
         others = equivalents(test, best)
-    # Only nominal numbers, and numbers fitted with the same shear and cameras, have intervals.
+    # Only parameters that are nominal, or fitted with the same shear and cameras, have intervals.
     same = (best.recentering, best.one_camera) == (fit.model.recentering, fit.model.one_camera)
     values = best.parameters
     known = np.where(same & (values == fit.model.parameters), (fit.low, fit.high), np.nan)

@@ -346,7 +346,7 @@ class _Search:
         return lru_cache(None)(lambda index: _stated(self.reference, self.nominal, index))
 
     def reading(self) -> FoundEncoding | None:
-        """Return a reading that holds in place of the stated reading if that fails, else None."""
+        """Return another reading that holds if the stated reading fails, else None."""
         stated, pictures = self.stated, any(map(is_picture, self.images))
         triangles, objects = (replace(stated, encoding=encoding) for encoding in NUMBER_ENCODINGS)
         if stated.encoding is Encoding.RGB:
@@ -382,7 +382,7 @@ class _Search:
     def _best(
         self, damage: IdRepair, matching: Callable[[_TruthPair], Mask] | None = None
     ) -> tuple[IdRepair, list[_TruthPair]]:
-        """Return damage with the conventions under which most pixels match, and image pairs."""
+        """Return the damage with the conventions that match most pixels, and the image pairs."""
         matching = matching or (lambda pair: pair.explained(damage))
         damage, best = replace(damage, nominal=self.nominal), list[_TruthPair]()
         hogels = self.reference.scene.plate.hogels
@@ -563,7 +563,7 @@ class _Search:
         orders = CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]
         for channels, offset in itertools.product(orders, (1, 0, 2)):
             plain = replace(start, channels=channels, offset=offset)
-            # Pixels without a surface may have the most frequent integer that is not a number in
+            # Pixels without a surface may store the most frequent integer that is not a number of
             # the scene.
             packed = np.concatenate(
                 [stored_integers(image, plain).ravel() for image in self.images]

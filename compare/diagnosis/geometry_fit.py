@@ -1,8 +1,8 @@
 """Fit of a renderer's conventions and geometry to the claims of its images, with intervals.
 
-A claim (`claims.PixelClaims`) states that a pixel of a file shows a triangle. With any occlusion, a
-renderer shows a triangle only where it projects. Conventions and geometry can therefore be
-determined without visibility: under the correct candidate model every claim holds; under a wrong
+A claim (`testset.PixelClaims`) states that a pixel of a file shows a triangle. Whatever hides it, a
+triangle is shown only where it projects. Conventions and geometry can therefore be determined
+without visibility: under the correct candidate model every claim holds; under a wrong
 candidate many claims fail, each by a distance in pixels. First, the discrete conventions with the
 smallest mean failure are selected. Then the numbers of `drawn_model.GROUPS` are fitted by robust
 least squares. As few groups as possible deviate from their nominal values; other sets with the same
@@ -450,7 +450,7 @@ class _Search:
                 break
         ranked = sorted(passing.values(), key=lambda entry: entry[0])
         turned = [(model.orientation, model.order) for _, model, _ in ranked]
-        # Mirroring one half explains the same as mirroring the picture and the other half.
+        # Mirroring one half is equivalent to mirroring the picture and the other half.
         return [
             (model, free)
             for (_, model, free), way in zip(ranked, turned, strict=True)

@@ -1,4 +1,4 @@
-"""Evidence of a renderer's images: claims of pixels, and the test set of candidate models.
+"""Evidence from a renderer's images: claims of pixels, and the test set of candidate models.
 
 A claim is a pixel and the triangle that it names; a failed claim has a distance in pixels.
 """

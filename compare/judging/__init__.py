@@ -3,7 +3,7 @@
 | module | holds |
 | --- | --- |
 | `verdict` | the verdict engine: limits, checks, places of wrong pixels, verdicts on images |
-| `judged` | figures of one image beside the answer of a model |
-| `outlines` | outlines of pictures in any shading: course, gaps, displacement |
-| `conformance` | cases of the conformance suite |
+| `judged` | comparison of one image with the image expected from a model |
+| `outlines` | outlines of pictures in any shading: positions, gaps, displacement |
+| `conformance` | judgment of hogels by cases of the conformance suite |
 """

@@ -59,7 +59,7 @@ class Pixels:
     shown: int = 0
     #: shown, and different from the truth
     wrong: int = 0
-    #: wrong, but a surface of the truth's tie
+    #: wrong, but showing a surface of the truth's tie
     tie: int = 0
     #: wrong by rounding at an edge, or too close to an edge to be judged
     edge: int = 0

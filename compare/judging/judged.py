@@ -130,12 +130,12 @@ def _untold(reference: Reference, question: RendererModel, seen: _Compared) -> i
 def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, MeasuredBy]:
     """Return the displacement of an image's outlines, and the means by which it was measured.
 
-    If no judged pixel has another label, the outlines are the answer's outlines, and their
-    displacement is 0. It is also 0 if colors have exactly the answer's contrast. Registration would
-    be less certain: few or straight outlines do not determine a fraction of a pixel. Colors that
-    are equal only within a tolerance are registered, because a dim outline may have moved. In an
-    answer without outlines, such as soft shading, no displacement is visible; surfaces that move
-    into the film from outside count as wrong pixels.
+    If no judged pixel has another label, the outlines are as expected, and their displacement is 0.
+    It is also 0 if colors have exactly the expected contrast. Registration would be less certain:
+    few or straight outlines do not determine a fraction of a pixel. Colors that are equal only
+    within a tolerance are registered, because a dim outline may have moved. If the expected image
+    has no outlines, only soft shading, no displacement is visible; surfaces that move into the film
+    from outside count as wrong pixels.
     """
     answer, image, by, differs = seen.answer, seen.upright, seen.by, seen.differs
     if by in COLOR_ONLY:
@@ -335,7 +335,7 @@ def judge(
     *,
     explained: bool = False,
 ) -> Figures:
-    """Compare an image with a model's answer; `RendererModel()` is the true crossed frustum.
+    """Compare an image with a model's image; `RendererModel()` is the true crossed frustum.
 
     The image and its surface points (H, W, 3), from `shown_points`, are as decoded, not upright.
     The image's camera is in the aperture of the file's name. Causes are classified if `explained`
@@ -429,7 +429,7 @@ def wrong_pixels(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Compared:
-    """An upright image, the model's answer, and the pixels (H, W) that differ."""
+    """An upright image, the model's image, and the pixels (H, W) that differ."""
 
     answer: HogelImage
     upright: HogelImage
@@ -448,7 +448,7 @@ class _Compared:
         points: Floats,
         judging: Judging,
     ) -> _Compared:
-        """Turn an image upright, and compare it with the answer of its aperture."""
+        """Turn an image upright, and compare it with the model's image of its aperture."""
         scene, upright = reference.scene, question.upright
         aperture = question.answers(scene, image.camera.aperture)
         answer = pictures.trace_drawn(reference, question, aperture)
@@ -488,8 +488,8 @@ class _Compared:
             differs = np.not_equal(answer.covered, covered)
             if by == "outlines":
                 outlines = true_outlines(scene, answer)
-                # Outlines that the answer itself does not show, as between equal grays, may be
-                # absent.
+                # Outlines that the model's image itself does not show, as between equal grays, may
+                # be absent.
                 absent = missing_outlines(outlines, contrast(turned)) & shown
                 missing = absent & (strongest_steps(seen_outlines(scene, answer, outlines)) > 0)
                 every = int(((strongest_steps(outlines) > 0) & shown).sum())

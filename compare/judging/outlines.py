@@ -1,4 +1,4 @@
-"""Outlines of pictures in any shading: course, gaps and displacement.
+"""Outlines of pictures in any shading: positions, gaps and displacement.
 
 An outline runs between two neighboring pixels, and the place between them is called a step.
 Displacement is measured by registration: the steps of the truth's outlines are moved by every whole

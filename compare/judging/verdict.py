@@ -1,4 +1,4 @@
-"""The verdict engine: figures of hogel images, places of wrong pixels, limits kept or exceeded.
+"""The verdict engine: limits on the figures of hogel images, places of wrong pixels, verdicts.
 
 `Hogel.from_figures` makes the verdict on one image, and `Verdict` is the verdict on a plate. Places
 are the side of the plate, object, hogel, and distance from outlines. Sentences about verdicts are
@@ -239,7 +239,7 @@ class Hogel:
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
     places: Places | None = None  #: places of its wrong pixels before correction
-    left: int = 0  #: wrong pixels that remain after correction, except by rounding
+    left: int = 0  #: wrong pixels that remain after correction, without those by rounding
     mended: bool = True  #: whether the image is right after correction
     storage: str | None = None  #: file format that changed the pixels, such as "JPEG, lossy"
 
@@ -354,7 +354,7 @@ class Verdict:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Worst hogel's check of each figure: limits hold for every hogel."""
+        """Worst hogel's check of each figure: limits apply to every hogel."""
         worst: dict[str, Check] = {}
         for check in (check for hogel in self.hogels for check in hogel.checks):
             known = worst.get(check.figure, check)

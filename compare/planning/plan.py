@@ -97,7 +97,7 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PlateResult:
-    """Measures of a plan all over the plate; integers count hogels."""
+    """Measurements of a plan over the whole plate; integers count hogels."""
 
     hogels: int
     #: hogels that were scanned

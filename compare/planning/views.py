@@ -327,7 +327,7 @@ class SheetPair:
             y = bundle.center[1] + s * (bundle.shear[1] + v * bundle.half_extent[1])
             corners = np.stack((x, y, z), axis=-1).reshape(-1, 3)
             sheets.append(SceneObject(name="sheet", vertices=corners, faces=faces))
-        # The farther sheet comes first. C keeps the nearer sheet, C* the farther.
+        # The farther sheet comes first. C keeps the nearer sheet, and C* keeps the farther sheet.
         return sheets if self.camera.orthoscopic is self.loser_first else sheets[::-1]
 
 

@@ -158,9 +158,9 @@ def measure_plate(
     """Return the seconds of a plate by directions and by hogels with each setting, and the speeds.
 
     Passes are also timed over two plates of the scene's size, of few hogels and of many: a straight
-    line through both times predicts passes over other plates. The time by the first setting
-    predicts hogels. InputError if the scene cannot be drawn by directions, or without usable
-    OpenGL.
+    line through both times predicts passes over other plates. The time of a hogel with the first
+    setting predicts plates by hogels. InputError if the scene cannot be drawn by directions, or
+    without usable OpenGL.
     """
     plates = [with_hogels(scene, longest) for longest in (FEW_HOGELS, MANY_HOGELS)]
     timed = [TimedPlate(scene=each, content=content) for each in (*plates, scene)]
@@ -202,7 +202,7 @@ class DirectionErrors:
     """Pixels of images by direction that were compared with the truth; ties are left out."""
 
     judged: int
-    wrong: int  #: with a wrong surface
+    wrong: int  #: judged pixels with a wrong surface
 
     @property
     def fraction(self) -> float:

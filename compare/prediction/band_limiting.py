@@ -31,8 +31,8 @@ LEVEL = 1 / 255  #: one level of 8 bits, in radiance
 #: Half-plane discrepancy of N sub-apertures, N a power of two: the largest difference between the
 #: share of the points on one side of a straight line and the share of the box on that side. It was
 #: computed for 2,000 to 6,000 directions of the line and all offsets, refined near the maximum, and
-#: rounded up; a test computes it again. Two points are missing, because their value exceeds the
-#: value of a single point.
+#: rounded up; a test computes it again. N = 2 is missing, because two points have a larger
+#: discrepancy than one.
 DISCREPANCY = MappingProxyType(
     {
         1: 0.5,
@@ -85,7 +85,7 @@ def sub_apertures_for(
 
 
 def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
-    """Return the largest blur of a depth bin per axis, and the smallest of its larger axis."""
+    """Return a depth bin's largest blur on each axis, and its smallest blur on the larger axis."""
     sign, screen = -1.0 if content.behind else 1.0, scene.frustum.screen
     nearest, farthest = (blur_px(scene, sign * end) for end in (content.nearest, content.farthest))
     least = min(max(nearest), max(farthest))

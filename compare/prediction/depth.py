@@ -131,8 +131,8 @@ def pair_variance(
 ) -> Floats:
     """Return the depth variance of each of two surfaces with nearly equal depths.
 
-    `depth_variance` holds for any two surfaces. This function holds on average, for the surfaces of
-    a scene:
+    `depth_variance` is valid for any two surfaces. This variance is valid on average, over the
+    surfaces of a scene:
 
     * Errors that both surfaces share cancel: with small n, the error of clip w = |z| + n is the
       same for all z of an octave.

@@ -79,7 +79,7 @@ class Chain(ShortRepr):
 
     T0 is the true crossed frustum. T1 adds the near offset, T2 the pivot, T3 the fit, T4 the slabs,
     and T5 omits culled faces. All of these are traced and certified. R0 is rasterized with linear
-    depth, R1 with the depth buffer of the settings.
+    depth, and R1 is rasterized with the depth buffer of the settings.
     """
 
     images: tuple[HogelImage, ...]
@@ -160,12 +160,12 @@ class Prediction:
 
     #: None if no surface off the plate is drawn, or if displacement has no prediction
     displacement_px: Spread | None
-    silhouettes: float  #: wrong surface along silhouettes because of displacement
-    snapped: float  #: wrong surface along silhouettes because edges snap to subpixels
-    depth: float  #: wrong surface because of the depth buffer
-    outside: float  #: wrong surface because a point from outside the film is shown
+    silhouettes: float  #: share of pixels wrong along silhouettes because of displacement
+    snapped: float  #: share of pixels wrong along silhouettes because edges snap to subpixels
+    depth: float  #: share of pixels wrong because of the depth buffer
+    outside: float  #: share of pixels wrong because they show a point from outside the film
     separation: Separations
-    culled: float = 0.0  #: wrong surface because the true surface is culled
+    culled: float = 0.0  #: share of pixels wrong because the true surface is culled
     reasons: Reasons = NO_REASONS
 
     @property

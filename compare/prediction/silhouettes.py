@@ -57,10 +57,10 @@ Pair = tuple[float, float]  #: values for edges along rows, and for edges along 
 CONTOUR_SIGMA_PX = 1.5
 
 #: Two neighboring points form an occlusion if their distances from each other's tangent planes are
-#: at least this many spacings of neighboring lines. With one crease between them, two points of a
-#: surface are at most one spacing off the plane of the face that its line meets less steeply; on a
-#: surface that bends twice, two spacings. A closer occlusion is missed, with negligible effect: the
-#: displacements of the two surfaces differ by at most 4 t / W of their size.
+#: at least this many spacings of neighboring lines. Two points of a surface with one crease between
+#: them are at most one spacing off the plane of the face that its line meets less steeply; if the
+#: surface bends twice, they are at most two spacings off. A closer occlusion is missed, with
+#: negligible effect: the displacements of the two surfaces differ by at most 4 t / W of their size.
 MIN_OCCLUSION_SPACINGS = 2
 
 
@@ -195,7 +195,7 @@ def _occludes(truth: HogelImage, axis: int) -> Mask:
 
 
 def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Return the smoothed gradient of each step's kind at the step, along both axes, (N, 2)."""
+    """Return gradients (N, 2) at the steps along each axis, from smoothed steps of equal kind."""
     size = int(np.prod(shape))
     across, down = (np.zeros((len(step.kind), 2)) for step in steps)
     for kind in Kind:

@@ -1,8 +1,8 @@
 """Model of a foreign renderer: conventions, geometry, and composition of its cameras.
 
-The default of every quantity is its correct value. Numbers that tend to be wrong together form a
-group. A new group needs a row in `GROUPS`, a field of the same name in `RendererModel`, its effect
-on the lines in `RendererModel.bundle`, and its sentence in `reports.verification.words`.
+The default of every parameter is its correct value. Parameters that tend to be wrong together form
+a group. A new group needs a row in `GROUPS`, a field of the same name in `RendererModel`, an effect
+on the lines in `RendererModel.bundle`, and a sentence in `reports.verification.words`.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def field_of(group: str) -> str:
 
 
 def places(*groups: str) -> list[int]:
-    """Return the indices in `RendererModel.parameters` of the numbers in some groups."""
+    """Return the indices in `RendererModel.parameters` of the parameters of some groups."""
     return [place for group in groups for place, (name, *_) in enumerate(NUMBERS) if name == group]
 
 
@@ -318,11 +318,11 @@ class RendererModel:
 
     @property
     def parameters(self) -> Floats:
-        """All numbers as one vector (P,), in the order of `FAULT_NAMES`."""
+        """All parameters as one vector (P,), in the order of `FAULT_NAMES`."""
         return np.concatenate([np.ravel(getattr(self, field_of(group))) for group in GROUPS])
 
     def with_parameters(self, values: Floats) -> RendererModel:
-        """Return the model with other numbers (P,)."""
+        """Return the model with other parameters (P,)."""
         numbers = {field_of(group): tuple(map(float, values[places(group)])) for group in GROUPS}
         fields = {name: some if len(some) > 1 else some[0] for name, some in numbers.items()}
         return replace(self, **fields)  # type: ignore[arg-type]

@@ -1,6 +1,6 @@
 """Error bounds of depth: interpolated by a device over a triangle, and stored in a buffer.
 
-Interpolated quantities are depth and 1 / w. The stored depth belongs to a triangle at a pixel.
+A device interpolates depth, or 1 / w, over each triangle. It stores one depth for each pixel.
 """
 
 from __future__ import annotations
@@ -210,11 +210,11 @@ class Depths:
         return [Depths(depth=a, tolerance=b, clear=c) for a, b, c in zip(*arrays, strict=True)]
 
     def indistinguishable_from(self, other: Depths) -> Mask:
-        """Return a mask of the places at which a depth test may pass either triangle."""
+        """Return a mask of the pixels at which a depth test may pass either triangle."""
         return np.asarray(np.abs(self.depth - other.depth) <= self.tolerance + other.tolerance)
 
     def lost(self) -> Mask:
-        """Return a mask of the places at which a surface may fail against the clear value."""
+        """Return a mask of the pixels at which a surface may fail against the clear value."""
         return np.asarray(np.abs(self.depth - self.clear) <= self.tolerance)
 
 

@@ -32,7 +32,7 @@ class FirstSurfaces:
     triangle: Numbers  #: (rows, W) int32 triangle number, `NOTHING` where a line meets no triangle
     s: Floats  #: (rows, W) float64 position along the line, NaN where it meets no triangle
     certainty: Bytes  #: (rows, W) uint8 `Certainty`
-    #: (N, 3) row of the image, column and triangle number of each triangle that shares a tie
+    #: (N, 3) row of the image, column and triangle number of each tied triangle
     tied_triangles: Indices
     #: `triangle` and `s` as flat Dr.Jit arrays; None if they are only NumPy arrays
     device: tuple[Any, Any] | None = None

@@ -52,8 +52,8 @@ ROUNDING = 12 * UNIT_ROUNDOFF
 UNDERFLOW = 2.0**-1022
 
 #: Number of consecutive triangles (a run) in a common box. Meshes list neighbors together: for the
-#: car's hogels, 0.30 (C) and 0.05 (C*) of all triangles are kept on average; with a box for each
-#: triangle, 0.22 and 0.02.
+#: car's hogels, shares of 0.30 (C) and 0.05 (C*) of all triangles are kept on average; a box for
+#: each triangle would keep 0.22 and 0.02.
 RUN = 32
 
 #: Widening of a film, relative to its steepest slope, in the test of boxes of runs: 2^32 times the

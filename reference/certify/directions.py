@@ -10,8 +10,9 @@ is linear in the aperture a for one direction, and linear in d for one aperture:
 
     E_ij(a) = (d x e)_x a_x + (d x e)_y a_y + d . (p_i x p_j),    e = p_j - p_i.
 
-Therefore `filter` works for both, with apertures in place of slopes: boxes bound the triangles
-projected along d onto the plate. Inside a triangle all three edge functions have the sign of d . n.
+Therefore `filter` also accepts the lines of a direction, with apertures in place of slopes: boxes
+bound the triangles projected along d onto the plate. Inside a triangle all three edge functions
+have the sign of d . n.
 
 Lines through a point M of the screen are a pencil about M, except for the rounding of their slopes.
 At the height of M, the distance of a line from M (`apart`) is less than delta. This distance

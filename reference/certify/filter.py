@@ -3,7 +3,7 @@
 Broad phase: `boxes` computes the bounding boxes of triangles on the film. Narrow phase: there is
 one lane for each pixel row of a box. The lane cuts the row at the triangle's edges, which gives a
 first and last column, and an inner interval of columns in which the triangle certainly covers the
-pixel's center. Then it visits its columns:
+pixel's center. Lanes visit their columns:
 
 1. Compute a limit for every pixel: the minimum, over all triangles that are certainly met, of the
    largest possible s. The first surface is not beyond this limit.
@@ -434,7 +434,7 @@ def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[An
         # If the slope is so small that the quotient overflows, E has the same sign along the whole
         # row.
         level = ~dr.isfinite(margin)
-        # An increasing E bounds dx from below, a decreasing E from above.
+        # An increasing E bounds dx from below, and a decreasing E bounds it from above.
         rising, falling = (slope > 0) & ~level, (slope < 0) & ~level
         low = dr.maximum(low, dr.select(rising, zero - margin, -np.inf))
         surely_low = dr.maximum(surely_low, dr.select(rising, zero + margin, -np.inf))

@@ -46,8 +46,8 @@ def meetings(
 ) -> tuple[Any, Any, Any, Any]:
     """Return t, its error bound, and whether rays certainly and possibly meet triangles.
 
-    Each lane is a pair of a ray and a triangle; `corners` are the corners of the triangle, `ends`
-    the first and last t of the ray.
+    Each lane is a pair of a ray and a triangle; `corners` are the corners of the triangle, and
+    `ends` are the first and last t of the ray.
     """
     positive, negative = [], []
     for i, j in EDGES:

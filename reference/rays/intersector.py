@@ -1,4 +1,4 @@
-"""Exact queries of a mesh: rays with the interface of trimesh's two classes, and inside or outside.
+"""Exact queries of a mesh: ray hits, as in trimesh's two ray classes, and location of points.
 
 A point is located inside, on or outside a surface by parity of crossings along +z. It is moved by
 an infinitesimal amount, (h, h^2, 0) with h > 0 as small as needed (simulation of simplicity,

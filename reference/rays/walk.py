@@ -167,7 +167,7 @@ def _joint_area(a: Singles, b: Singles) -> Singles:
 SINGLE_ROUNDOFF = 2.0**-24
 
 #: Rounding bound of the t of a plane of a box, in float32 roundings of the coordinates of box and
-#: start: 3 and 6 by the derivation
+#: start: at least 3 for the box and 6 for the start (docs/truth.md)
 SLAB_ROUNDINGS = 6
 
 #: largest coordinate of a box: boxes lie in the unit cube, except for roundings
