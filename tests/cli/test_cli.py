@@ -67,7 +67,7 @@ def test_compare_prints_the_object_of_the_contract_and_writes_a_picture_of_each_
 def test_compare_finds_a_scene_that_was_moved_with_its_images(
     images: tuple[str, str], monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
-    """A missing file at the scene's place and a broken image cause different messages."""
+    """The scene is looked up beside its images; the message names a broken scene file."""
     Path("moved").mkdir()
     for name in ("boxes.toml", *images):
         Path(name).rename(f"moved/{name}")

@@ -31,7 +31,7 @@ def proposed(tracer: str) -> HogelImage:
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
-def test_a_tracers_own_picture_has_its_proposals_unexamined(tracer: str, command: Command) -> None:
+def test_the_picture_of_one_tracer_is_marked_unexamined(tracer: str, command: Command) -> None:
     answer = command(f"trace {HARD} --decided-by {tracer} --json --out a.exr").record
     assert answer["decided_by"] == tracer and answer["alone"] is None
     assert list(answer["certainty"]) == ["unexamined"]

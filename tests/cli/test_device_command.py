@@ -136,7 +136,7 @@ def test_a_recording_that_fits_no_scene_is_refused(tmp_path: Path, command: Comm
 
 @pytest.fixture
 def card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Simulate a machine with a card that NVIDIA's kernel driver lists and EGL does not."""
+    """Simulate a machine with a GPU that NVIDIA's kernel driver lists, but EGL does not."""
     listed = tmp_path / "gpus" / "0000:01:00.0"
     listed.mkdir(parents=True)
     (listed / "information").write_text("Model: \t\t NVIDIA H100 80GB HBM3\nIRQ: 1\n")

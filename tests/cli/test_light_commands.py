@@ -79,7 +79,7 @@ def test_a_selected_tracer_or_effects_replace_the_scenes_transport(
         assert read_image("local.exr").camera.light_paths is None
 
 
-def test_light_paths_bring_their_variance_to_the_comparison(command: Command) -> None:
+def test_compare_uses_the_variance_of_light_paths(command: Command) -> None:
     command("trace boxes.toml --interreflection --samples 8 --quiet --out noisy.exr")
     noisy = read_image("noisy.exr")
     assert noisy.camera.light_paths == 8
@@ -101,7 +101,7 @@ def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_t
     c, c_star, both = (
         np.asarray(Image.open(f"seven/{name}.png")) for name in ("c", "c-star", "both")
     )
-    # C* overlays C: both show C* where it has a surface, else C.
+    # `both` overlays C* on C: it shows C* where C* has a surface, else C.
     np.testing.assert_array_equal(np.where(c_star[..., 3:] > 0, c_star, c), both)
     assert (c[..., 3] > 0).any() and (c_star[..., 3] > 0).any()
     scene = open_scene("asymmetric")

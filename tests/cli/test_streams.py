@@ -334,7 +334,7 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
         os.kill(int(out), signal.SIGKILL)
 
 
-def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
+def test_a_signal_while_python_exits_changes_nothing(tmp_path: Path) -> None:
     """The command is done: its exit status stands, and Python exits without an exception."""
     leaving = (
         "import atexit, time\n"

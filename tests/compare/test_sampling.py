@@ -1,4 +1,4 @@
-"""Samples of hogels: their content, bounds, and one definition of beyond in all commands."""
+"""Samples of hogels: their content, their bounds, and one definition of "beyond" everywhere."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from xfrustum.scenes.arrays import Mask
 SEEDS = 200  #: number of simulated surveys of each kind
 
 FAILURES = 0.05 + 3.1 * math.sqrt(0.05 * 0.95 / SEEDS)
-"""Largest share of surveys with failing bounds: a risk of 0.05 exceeds it in one test of 1000."""
+"""Largest share of failing bounds: with a risk of 0.05, one test of 1000 exceeds it."""
 
 
 def plate(columns: int, rows: int) -> Plate:
@@ -67,7 +67,7 @@ def test_samples_are_nested_with_one_hogel_of_each_run_and_the_last_has_all(
     assert {aperture_at(plate, place) for place in before} == set(plate.apertures())
 
 
-def test_every_hogel_of_a_run_is_drawn_as_often_also_after_the_sample_has_grown() -> None:
+def test_hogels_of_a_run_are_drawn_equally_often_even_after_the_sample_has_grown() -> None:
     drawn = np.zeros(21)
     for seed in range(SEEDS):
         drawn[GrowingSample(hogels=21, first=3, seed=seed).places(1)] += 1
@@ -216,7 +216,7 @@ def test_beyond_is_the_99th_percentile_or_one_percent_of_wrong_surfaces_or_undef
 
 @given(st.floats(0, 2), st.integers(0, 30), st.integers(0, 30))
 def test_all_commands_have_the_same_verdict(p99: float, at_plate: int, wrong: int) -> None:
-    """Every pixel shows a surface: `verify` limits the share of all judged pixels."""
+    """Every pixel shows a surface, because `verify` limits the share among all judged pixels."""
     moved, share = moved_by(p99, at_plate), wrong / JUDGED
     beyond = is_beyond(moved, share, 0.5)
     hogel = HogelResult(

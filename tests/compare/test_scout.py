@@ -29,7 +29,7 @@ OVER = (31, 7)  #: column and row of the aperture right over the ball
 
 @pytest.fixture(scope="module")
 def ball_behind_a_plate() -> Scene:
-    """Return a small ball closely behind one place of a plate of 40 x 30 hogels."""
+    """Return a small ball close behind one point of a plate of 40 x 30 hogels."""
     plate = Plate(size=(40.0, 30.0), hogels=(40, 30))
     over = plate.aperture(*OVER)
     part = ball((over.x, over.y, -GAP - RADIUS), RADIUS, "paint")
@@ -70,7 +70,7 @@ def test_surfaces_smaller_than_the_lattice_are_located_by_vertices(
         assert nearest_cells(scene, 1) == [(column, row)]
 
 
-def test_vertices_in_the_plate_count_last_and_those_out_of_reach_not(
+def test_vertices_in_the_plate_count_last_and_vertices_out_of_reach_do_not_count(
     ball_behind_a_plate: Scene,
 ) -> None:
     triangle = np.array([[1.5, 0.5, 0.0], [3.5, 0.5, -4.0], [5.5, 0.5, 5.5]])

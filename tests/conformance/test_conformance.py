@@ -164,8 +164,8 @@ def test_a_wrong_pixel_fails_and_one_at_an_edge_does_not() -> None:
     pixels = judged(case, scene, truth, replace(truth, triangle=inside))
     assert pixels.unexplained == 1 and not pixels.within(case)
     assert judged(case, scene, truth, truth).wrong == 0
-    # Next to outlines each pixel shows its neighbor. Rounding explains this within half a step of a
-    # grid of whole pixels, and rarely within half a step of 1/256.
+    # The picture is shifted by a pixel, so that pixels beside outlines are wrong. Rounding explains
+    # them within half a step of a grid of whole pixels, and rarely within half a step of 1/256.
     moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
     fine = judged(case, scene, truth, moved, LLVMPIPE)
     coarse = judged(case, scene, truth, moved, replace(LLVMPIPE, subpixel_bits=0))
@@ -286,7 +286,7 @@ def test_nothing_outside_the_folder_of_images_gets_into_the_statement(tmp_path: 
     refused("is a pipe")
     reason.write_text("password" * 10_000)
     refused("more than a file with a reason has")
-    # A link within the folder, and an empty file, which has no reason to be quoted
+    # A link within the folder is followed; an empty file gives no reason to quote.
     (images / "reason").write_text("")
     reason.symlink_to(images / "reason")
     assert judged_images(images, case.name) == [("unsupported", "not claimed")]

@@ -3,7 +3,7 @@
 inputs     Valid files and command lines, from which mutation starts
 mutations  Seeded damage to bytes, to numbers and names in text, and to structure
 child      One input in a forked process with limits on time and size, and forbidden outcomes
-entries    Commands that read the inputs of `verify`, `check` and `survey` in less time
+entries    Commands that read the inputs of `verify`, `check` and `survey` without slow work
 __main__   `make fuzz`: counts by exit status; findings go to `corpus`, which `--replay` tries again
 kill       `make kill`: signals at random moments of commands
 

@@ -29,7 +29,7 @@ from xfrustum.scenes.model.device_model import H100, SOFTPIPE
 SCENE = named("small", "mm") + film((10.0, 8.0), (3, 2), (16, 12), (60.0, 50.0), (20.0, 20.0))
 
 NAMES_FILE = "names.json"
-"""File that lists the pictures of a folder `in`; the list is written as these pictures."""
+"""List of the names of pictures in a folder `in`; the pictures are written, not the list."""
 
 SHEARED = SCENE.replace(
     "fov_deg = [60.0, 50.0]",
@@ -128,7 +128,7 @@ def _also(seeds: list[Seed], word: str, line: str, left: str = "", share: int = 
 
 
 def _of_scene(seeds: list[Seed]) -> list[Seed]:
-    """Return seeds of scenes that are traced, checked, but mostly only read."""
+    """Return seeds of scenes that are traced or checked, but mostly only read."""
     read = _also(seeds, "read", "read-scene scene.toml", share=8)
     return [*seeds, *read, *_also(seeds, "check", "check scene.toml")]
 

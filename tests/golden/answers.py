@@ -84,7 +84,7 @@ def arrays_of_plate(folder: Path) -> Values:
         values = np.asarray(array[:3, :4] if array.ndim > 1 else array[...])  # the drawn hogels
         if values.dtype.kind in "biuf":  # other types are names of versions and devices
             whole = np.nan_to_num(values.astype(np.float64)).ravel()
-            # The second number changes if values are exchanged.
+            # The moment changes if two values are exchanged.
             digests |= {
                 f".{name}.sum": whole.sum(),
                 f".{name}.moment": whole @ np.arange(whole.size),

@@ -1,4 +1,4 @@
-"""Antialiasing and band limiting in reference and rasterizer: means of colors, and only colors."""
+"""Antialiasing and band limiting in reference and rasterizer: only colors are averaged."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -127,7 +127,7 @@ def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats
 
 
 def test_multisampling_agrees_with_the_covered_area_to_its_own_steps() -> None:
-    """Four points in different rows and columns of 16: area to a quarter; the mean is closer."""
+    """Four points in different rows and columns of a 16 x 16 grid measure areas to about 1/4."""
     scene, covered = half_plane(0.37, RESOLUTION)
     with drawn(scene) as ask:
         plain, shares = (
@@ -175,7 +175,7 @@ def discrepancy(count: int) -> float:
 def test_a_grating_as_fine_as_the_aperture_is_gray(
     answer: Answer, height: float, recentered: bool
 ) -> None:
-    """Each pixel sweeps one period, half of it bright: the pitch, or less near the screen."""
+    """Each pixel sweeps one period, half of it bright: the pitch or, near the screen, less."""
     count = 89
     period = PITCH * abs(1 - height / SCREEN_HEIGHT) if recentered else PITCH
     scene = grating(height, period, recentered=recentered)

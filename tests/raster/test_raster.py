@@ -91,7 +91,7 @@ def resident_mib() -> float:
     not Path("/proc/self/statm").exists(), reason="asks Linux's /proc for its memory"
 )
 @pytest.mark.slow
-def test_images_of_changing_formats_and_rasterizers_that_are_left_do_not_grow_the_process() -> None:
+def test_changing_formats_and_closed_rasterizers_do_not_grow_the_process() -> None:
     """A leaked target of this size has 5 MiB: 225 of them would fill a gigabyte."""
     scene = view("asymmetric", (512, 512))
 

@@ -24,7 +24,7 @@ def on_film(width: int, height: int) -> Scene:
 def test_an_image_beyond_device_and_memory_is_a_one_line_error(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The device's longest side in both directions exceeds the device or the memory."""
+    """A square image with the device's longest side is too large for the device or the memory."""
     with open_context() as opened:
         longest = largest_image()
     opened.release()

@@ -19,7 +19,7 @@ CHANNELS = ("triangle", "position", "normal", "color", "certainty")
 
 
 def small(name: str, hogels: tuple[int, int], resolution: tuple[int, int]) -> Scene:
-    """Return a scene with few hogels and pixels; hard cases with small aimed films keep them.
+    """Return a scene with few hogels and pixels; hard cases keep their small aimed films.
 
     Colors have one sample per pixel: images by direction have no means.
     """

@@ -88,7 +88,7 @@ class TestSmoothPicture:
         return np.asarray(total[..., None] * SUN.color)
 
     def test_the_error_of_sub_apertures_falls_as_one_over_their_number(self) -> None:
-        """The error falls as 1/N, but for a logarithm; with random points, as N^-1/2."""
+        """The error falls as 1/N, up to a logarithm; with random points it would fall as N^-1/2."""
         exact, reference = self.integral(), Reference(self.scene())
         counts = [8, 32, 128, 512]
         errors = []

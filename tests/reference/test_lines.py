@@ -83,7 +83,7 @@ def test_the_offset_cameras_near_planes_coincide_at_the_plate(
 @pytest.mark.parametrize("frustum", [*map(recentered, SCREENS), view("car", (64, 48)).frustum])
 @pytest.mark.parametrize("aperture", APERTURES)
 @pytest.mark.parametrize("settings", SETTINGS, ids=str)
-def test_both_answers_put_a_point_into_the_same_pixel(
+def test_reference_and_rasterizer_put_a_point_into_the_same_pixel(
     frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> None:
     """Exact lines of C and C* against OpenGL matrices, derived independently."""

@@ -12,7 +12,7 @@ from xfrustum.reports import cost as cost_module
 from xfrustum.reports.plotting import auto_apertures
 
 BALL = (12.0, 7.0, -3.3)
-"""Middle of a ball of radius 1.5 closely behind one aperture; a box is far behind the others."""
+"""Middle of a ball of radius 1.5 close behind one aperture; a box is far behind the others."""
 
 
 @pytest.fixture(scope="module")

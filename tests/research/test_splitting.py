@@ -73,7 +73,7 @@ def published() -> tuple[Row, ...]:
 
 @pytest.mark.slow
 def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
-    """The film's corner is off by W n / (sqrt(2) |z|): p99 lies between a tenth of it and all."""
+    """The film's corner is off by e = W n / (sqrt(2) |z|): p99 lies between e / 10 and e."""
     for row in (row for row in tiny.rows if not row.slabs):
         in_corner = row.resolution / math.sqrt(2) * row.near / (FARTHEST / 1000 / row.ratio)
         if in_corner <= TOLERANCE_PX:
@@ -87,7 +87,7 @@ def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> 
 
 @pytest.mark.slow
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
-    """Twice the smallest separation is ordered; half of it is not."""
+    """Sheets are ordered at twice the smallest separation, and not at half of it."""
     decided = [
         r
         for r in tiny.rows

@@ -26,8 +26,7 @@ def apertures() -> st.SearchStrategy[Aperture]:
 def frusta(draw: st.DrawFn, *, exact: bool = False) -> Frustum:
     """Return frusta, centered and recentered, with the screen on either side of the plate.
 
-    Parameters ---------- exact True for slopes that are multiples of 1/64, so that lines have no
-    rounding errors.
+    `exact`: slopes are multiples of 1/64, so that lines have no rounding errors.
     """
     resolution = (draw(st.sampled_from([4, 8, 16])), draw(st.sampled_from([4, 8])))
     reach = (draw(st.sampled_from([REACH, 5.0])), draw(st.sampled_from([REACH, 7.0])))

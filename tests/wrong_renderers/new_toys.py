@@ -189,7 +189,7 @@ SLIPS: dict[str, Slip] = {
         "axes-exchanged",
         world=axes("y", "x", "z"),
     ),
-    # A centered frustum shows mirrored films in a mirrored order.
+    # With a centered frustum, mirrored films in a mirrored order of hogels look the same.
     "x-negated": Slip(
         "x is negated",
         "axes-exchanged orientation aperture-order",

@@ -1,7 +1,7 @@
 """Wrong renderers: functions that draw a picture of a scene, from an aperture, in an encoding.
 
-`expected` lists the mistakes by encoding. A mistake has the names of faults of which one must be
-found or be among the alternatives. If an encoding has no names, it is only required that no false
+`expected` lists the mistakes by encoding, each with names of faults: `verify` must find one of them
+or list it as an alternative. If an encoding has no names, it is only required that no false
 cause is named, as in docs/verify.md. The classic renderers are here; `new_toys` adds the others.
 """
 
@@ -72,7 +72,7 @@ def add(
     scene: str | None = None,
     group: str = "classic",
 ) -> None:
-    """Add a toy; `expected` has names between blanks, which hold `on` these encodings."""
+    """Add a toy; `expected` has names separated by blanks, for the encodings `on`."""
     if isinstance(draw, Mistakes):
         mistakes = draw
 
@@ -369,8 +369,8 @@ add(
     "scene-offset",
 )
 add("tenth", "millimeters taken for centimeters: a tenth", Mistakes(scale=0.1), "scene-scale")
-# Without a reach there is a second, unnamed fault. If a smaller plate looks the same, it is an
-# explanation.
+# Without a reach there is a second fault, which has no name. A smaller plate is also accepted as
+# the cause if it looks the same.
 add(
     "tenfold",
     "ten times as large, without a reach",

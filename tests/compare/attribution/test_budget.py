@@ -144,7 +144,7 @@ def test_pixels_are_charged_to_their_last_change_and_surfaces_to_the_first_wrong
     ],
 )
 def test_each_traced_link_is_as_predicted(name: str, near: float, option: dict[str, Any]) -> None:
-    """Displacement and wrong surfaces of each link: near offset, pivot and fit, slabs."""
+    """Check displacement and wrong surfaces of the links near offset, pivot, fit and slabs."""
     [(_, budget)] = budgets(name, [replace(reversed_d32f(near), **option)])
     links = asdict(budget.numbers)["links"]
     for link in links[:4]:
@@ -225,7 +225,7 @@ def test_no_eye_vector_bends_on_matte_surfaces_or_outside_the_first_slab() -> No
 
 
 def test_the_bend_is_counted_once() -> None:
-    """True color plus bend equals the model's color, with the same line but other points."""
+    """True color plus the steps of all links and of the eye vector equals the model's color."""
     scene = painted("asymmetric", SHINY)
     budget, chain = budget_of(scene, reversed_d32f(2.0))
     truth, model = chain.images[0].color, chain.images[4].color

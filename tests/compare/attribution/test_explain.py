@@ -112,10 +112,10 @@ class TestNegativeControls:
 
         A picture shifted by a pixel is wrong where an edge passes within a pixel of the center,
         along the shift. Let n be the component of the edge's unit normal along the shift. The edge
-        is nearer than d = 2^-4.5 px = 0.044 px to a share d / |n| of these centers: pi / 2 d = 7 %,
-        averaged over all directions. Some other centers lie beside other edges, more of them for
-        smaller triangles. The test measures the whole share with a picture in which every pixel
-        shows a triangle that does not exist.
+        is nearer than d = 2^-4.5 px = 0.044 px to a share d / |n| of these centers, on average
+        (pi / 2) d = 7 % over all directions. Some other centers lie beside other edges, more of
+        them for smaller triangles. The test measures the whole share with a picture in which every
+        pixel shows a triangle that does not exist.
         """
         shifted = pictured(case.drawn, lambda a: np.roll(a, 1, 0))
         wrong, device = case.differences(shifted), safe_model(4)
@@ -182,7 +182,7 @@ def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple
     return list(disjoint.items())[:40]
 
 
-def test_a_picture_drawn_beside_its_camera_is_misplaced(
+def test_a_picture_shifted_from_its_camera_is_misplaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Surface points would not reveal the defect: they are computed on the drawn triangle."""
@@ -209,7 +209,7 @@ CULLED_LINKS = ["near offset", "pivot", "fit", "slabs", "culling", "rasterizatio
 
 
 def test_backs_of_open_meshes_are_charged_to_culling_and_counted_by_a_comparison() -> None:
-    """Culling loses exactly the pixels that show a back; the near offset is too small for more."""
+    """Culling loses exactly the pixels that show a back; the near offset changes no others."""
     scene = view("large-triangles", (96, 72))
     settings = replace(reversed_d32f(1e-5 * scene.frustum.longest_reach), cull=Cull.BACK)
     budget, chain = budget_of(scene, scene.plate.middle, settings)
@@ -237,7 +237,7 @@ def test_backs_of_open_meshes_are_charged_to_culling_and_counted_by_a_comparison
 def test_rounding_explains_all_that_culled_cameras_draw_otherwise(
     depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Use loose triangles of all directions around the plate, many of them nearly edge-on."""
+    """Use loose triangles in all orientations around the plate, many of them nearly edge-on."""
     rng = np.random.default_rng(1997)
     places, sides = rng.uniform(-10, 10, (400, 1, 3)), rng.normal(0, 3.0, (400, 3, 3))
     frustum = Frustum(resolution=(64, 48), reach=(12.0, 12.0), fov=(radians(70), radians(60)))

@@ -70,7 +70,7 @@ def test_a_card_is_out_of_the_bounds_of_a_device_that_rounds_less() -> None:
     counts = [measured.within(model, DepthFormat.D16) for model in (H100, nearest)]
     assert counts[0].share_of_safe > counts[1].share_of_safe
     assert 1 - share(measured.varyings_within(LLVMPIPE)) > 0.1
-    # The sampled places are odd multiples of 2^-13, hence never multiples of 2^-8.
+    # Exact filter weights are odd multiples of 2^-13, hence never multiples of 2^-8.
     assert measured.filtered_within(LLVMPIPE).within == 0
 
 
@@ -81,8 +81,8 @@ def test_coverage_reveals_rounding_of_corners_and_tie_rules(
     measured, known = recorded
     assert measured.viewport[NEAREST_EVEN] == 0
     assert measured.ties == {"left and bottom": 0, "left and top": 0}
-    # llvmpipe clips at the window's border, 32 pixels from its middle; the card, not within 40
-    # pixels.
+    # llvmpipe clips at the window's border, 32 pixels from its middle; the card does not clip
+    # within 40 pixels.
     cut = measured.cut_from_px
     assert cut is None if known == H100 else cut is not None and 32 < cut < 33
 

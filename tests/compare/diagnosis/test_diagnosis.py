@@ -62,7 +62,7 @@ DEFECTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
 }
 """Options of `Faulty`, and the defects with sizes that must be named, by case."""
 
-# Largest errors of diagnosed sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near.
+# Largest errors of diagnosed sizes: 0.02 px, 0.05 % of field of view and pitch, and 2 % of near.
 EXACT = {"shift": 0.02, "fov": 5e-4, "pitch": 5e-4, "near": 0.02 * 1.5}
 
 PAIRS = (
@@ -148,7 +148,7 @@ def test_defects_are_named_with_their_sizes_alone_and_in_pairs(names: str) -> No
         assert low - 1e-3 * abs(size) <= size <= high + 1e-3 * abs(size)
     corrected = result.summary()["corrected"]
     assert not result.passed
-    # Pixels at edges snap to one side or the other; a wrong surface is wrong beyond its edges.
+    # After correction, pixels beside edges may still snap to the other side.
     assert corrected["surface"]["fraction"] < 0.01 and corrected["causes"]["unexplained"] <= 2
 
 
@@ -346,7 +346,7 @@ def test_a_missing_object_and_hogels_with_others_images_are_named(
 
 @pytest.mark.slow
 def test_a_candidate_that_explains_too_little_is_no_finding() -> None:
-    """A near offset widens the picture most near the plate; a wrong field of view, everywhere."""
+    """A near offset widens the picture most near the plate; a wrong field of view scales it all."""
     scene = small("asymmetric", SIZE)
     with Faulty(scene=scene, near=8.0, fov=(1.1, 0.95), shown="color") as renderer:
         result = xfrustum.verify(scene, renderer, apertures=SOME)
@@ -404,7 +404,7 @@ def test_defects_that_show_the_same_pictures_at_one_depth_name_each_other(
 @pytest.mark.parametrize(
     "model", [RendererModel(culled=Culled.COUNTERCLOCKWISE), RendererModel(front=Front.NEAREST)]
 )
-def test_a_sphere_without_its_near_side_shows_its_far_side_as_if_that_won(
+def test_a_culled_sphere_and_a_wrong_depth_test_name_each_other(
     model: RendererModel,
 ) -> None:
     sphere = build_shape("sphere")
@@ -483,7 +483,7 @@ def test_the_exchanged_center_of_a_screen_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_vertical_numbers_of_films_of_one_row_are_held(tmp_path: Path) -> None:
+def test_vertical_parameters_are_fixed_if_films_have_one_row(tmp_path: Path) -> None:
     """Shuffle the columns of apertures, so that no camera explains the images."""
     scene = torus_and_sphere(tmp_path, (5, 3), (80, 1))
     images = observed(scene, NOMINAL, [(i, j) for j in range(3) for i in range(5)]).images

@@ -41,7 +41,7 @@ QUICK = (
     *("attic-right-triangle-id", "attic-right-object-id", "attic-blue-red-object-id"),
     *("attic-right-rgb", "harbor-right-triangle-id"),
 )
-"""Cases that run every time: registering plain pictures takes seconds, numbers take less."""
+"""Cases that run every time: plain pictures take seconds to register, triangle numbers less."""
 
 NOT_YET_NAMED = {"front-flipped", "transposed", "gamma-for-srgb", "late"} | {
     "+".join(pair) for pair in PAIRS if "flat-normals" not in pair
@@ -82,7 +82,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     for finding in outcome.findings:
         assert finding.explains is not None, f"{finding.name} does not say what it explains"
         assert finding.explains >= MUST_EXPLAIN, f"{finding.name} is printed as a reason"
-    # Lost numbers are restored from the truth if one damage explains the stored numbers.
+    # Lost triangle numbers are restored from the truth if one damage explains the stored numbers.
     if outcome.findings and outcome.whole:
         left = outcome.residual
         assert left <= (1 - MUST_EXPLAIN) * outcome.wrong, (
@@ -96,16 +96,16 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert not outcome.wrong_sizes, [finding.words for finding in outcome.findings]
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
     seldom = case.encoding != "triangle-id"
-    # A true cause that corrects too few pixels is listed as a guess, for example if numbers are
-    # mixed.
+    # A true cause that corrects too few pixels is listed as a guess, for example if
+    # triangle numbers are mixed up.
     guessed = all(
         matches(outcome.rejected, cause) for cause in TOYS[case.toy].causes(case.encoding)
     )
     admitted = outcome.admits and (seldom or guessed or "does-not-explain" in expected)
     assert case.toy in NOT_YET_NAMED or outcome.all_named or admitted, f"said: {names}"
     if (case.scene, case.toy) in TWINS:
-        # Two causes make the same pictures: a wrong cause must not be named alone. Numbers name one
-        # or both.
+        # Two causes make the same pictures: a wrong cause must not be named alone. For
+        # pictures of triangle numbers, one or both are named.
         assert outcome.findings or case.encoding != "triangle-id"
         assert not outcome.findings or any(finding.ambiguous for finding in outcome.findings), names
         both = all(outcome.named([name]) for name in TWINS[case.scene, case.toy])
@@ -169,8 +169,8 @@ def test_unlit_surfaces_without_ambient_light_look_like_the_background(verify: V
     ("add", "nothing"),
     [
         (1, 0),
-        # In order: numbers from 0; nothing as -1; numbers + 2; numbers out of range; nothing out of
-        # range.
+        # In order: numbers from 0; "no surface" as -1; numbers + 2; numbers out of range;
+        # "no surface" out of range.
         *(
             pytest.param(*numbers, marks=pytest.mark.slow)
             for numbers in ((0, 0), (0, 2**32 - 1), (2, 0), (100_000, 0), (1, 2**32 - 1))

@@ -14,7 +14,7 @@ from xfrustum.scenes.model.eye import Eye
 @pytest.mark.parametrize(
     ("name", "resolution", "halvings", "moved_order", "wrong_order"),
     [
-        # The sides of cells and pixels halve, and they bound displacements: convergence is of first
+        # Displacements are bounded by cells and pixels, whose sides halve: convergence is of first
         # order, apart from the random places at which the 7,000 rays meet cells. Wrong surfaces
         # fill strips along silhouettes, no wider than the displacement.
         ("asymmetric", (97, 71), 2, (0.8, 1.2), (0.6, 1.4)),

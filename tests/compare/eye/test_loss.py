@@ -131,8 +131,8 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
             assert whole.color is not None
             np.testing.assert_array_equal(views.drawn.triangle[here], whole.triangle[there])
             np.testing.assert_array_equal(views.drawn.color[here], whole.color[there])
-            # There, points are single precision; here, points of sloping triangles are double
-            # precision.
+            # Whole hogels have points in single precision; the view has points of sloping
+            # triangles in double precision.
             size = 150 * 4 * 2.0**-23
             np.testing.assert_allclose(views.drawn.position[here], whole.position[there], atol=size)
 
@@ -144,7 +144,10 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
 def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(
     name: str, published: tuple[float, ...]
 ) -> None:
-    """The percentages of docs/method.md: C against B, B against A, with and without motion."""
+    """Percentages of docs/method.md: drawn against replayed, and replayed against true views.
+
+    Both are computed for the scene itself and for the moved scene.
+    """
     reference = EyeReference(view(name, (256, 256)))
     eye = replace(LEFT, position=(40.0, 20.0, 600.0), resolution=(320, 240))
     (views,) = views_of(reference, reversed_d32f(NEAR), [eye])

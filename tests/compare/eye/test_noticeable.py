@@ -98,7 +98,7 @@ def test_a_crack_spans_the_gap_between_the_halves_seen_through_corners(
         ends = []
         for side in (1, -1):
             (moved,) = replayed_points(point, scene.frustum, aperture, settings, side)
-            # The ray from the eye through the corner passes beside the moved end, at its height.
+            # At the height of the moved end, the ray from the eye through the corner passes it.
             ends.append(moved[:2] - np.array(corner) * (distance - moved[2]) / distance)
         widths.append(float(np.linalg.norm(ends[0] - ends[1])) / distance * ARCMIN_PER_RADIAN)
     result = crack_arcmin(Viewer(distance=distance), Display.from_scene(scene), settings)

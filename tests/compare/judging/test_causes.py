@@ -111,8 +111,8 @@ def test_only_holes_next_to_sides_and_clipped_diagonals_lie_on_an_edge(pictures:
 def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
     reference = Reference(view("asymmetric", (96, 72)))
     truth = reference.trace(reference.scene.plate.middle)
-    # Next to outlines each pixel shows its neighbor: within half a step on a grid of whole pixels,
-    # and outside on a finer grid.
+    # The picture is shifted by a pixel, so that pixels beside outlines are wrong. Rounding explains
+    # them within half a step of a grid of whole pixels, and rarely on a finer grid.
     moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
     edges, left = [], []
     for device in (replace(LLVMPIPE, subpixel_bits=0), LLVMPIPE):

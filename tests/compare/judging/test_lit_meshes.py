@@ -24,7 +24,7 @@ from xfrustum.scenes import Frustum, HogelImage, Plate, Scene, SceneObject
 from xfrustum.tolerances import MAX_WRONG
 
 LONGEST_MM = 80.0  #: longest side of a mesh's bounding box
-PLATE_PER_MESH = 0.35  #: side of the plate over the mesh's: the mesh fills the films
+PLATE_PER_MESH = 0.35  #: plate's side / mesh's side: so small that the mesh fills the films
 AMBIENT, DIFFUSE = 0.12, 0.8  #: shading by a light at the camera
 
 ONE_FOR_ALL = "one picture for all"

@@ -1,4 +1,4 @@
-"""No false pass: nonexistent surfaces fail, figures name their counts, displacement is real."""
+"""No false pass: nonexistent surfaces fail, outputs agree, displaced outlines are measured."""
 
 import json
 from collections.abc import Callable
@@ -127,7 +127,7 @@ def test_reading_undoes_storing(numbers: list[int], channels: list[int], offset:
 
 
 @pytest.mark.slow
-def test_text_page_junit_and_json_give_the_figures_that_were_limited(
+def test_text_page_junit_and_json_state_the_worst_values_and_their_limits(
     tiny: World, stored: Callable[..., str], tmp_path: Path, command: Command
 ) -> None:
     """Each output has the worst hogel's wrong surfaces and displacement, with their limits."""
@@ -172,7 +172,7 @@ def test_noise_has_no_outlines() -> None:
 
 @pytest.mark.parametrize("shift", [0, 1, 3])
 def test_a_dim_outline_is_not_registered_with_a_strong_one_beside_it(shift: int) -> None:
-    """Contrast peaks on a strong grid, six pixels beside the dim step, even if both are right."""
+    """The strongest contrast lies on a grid, six pixels beside the dim step."""
     gray = np.zeros((96, 96))
     gray[:, 44:] += 0.02
     gray[:, 50:] += 1.0
@@ -200,7 +200,7 @@ def left(columns: int = SIDE // 2) -> Mask:
 
 
 def box_at(folder: Path, x: float) -> Scene:
-    """Return a box 100 mm behind the plate; at x = 0 it fills the film and begins at -50."""
+    """Return a box of 100 mm behind the plate; at x = 0 it fills the film, from -50 to 50 mm."""
     place = film((40.0, 40.0), (1, 1), (SIDE, SIDE), (60.0, 60.0), (50.0, 60.0))
     (folder / "scene.toml").write_text(named("box", "mm") + place + part("box", 100.0, (x, 0, -70)))
     return open_scene(folder / "scene.toml")

@@ -278,7 +278,7 @@ WIDTH, HEIGHT = 64, 48
 DEPTH = 40.0  #: distance of a wall from the plate, on either side
 
 NOT_OUTSIDE = DEPTH / (WIDTH - 1)
-"""Largest near offset that shows nothing from outside: the outermost centers lie at 1 - 1/W."""
+"""Largest near offset that shows nothing outside the film: outermost centers are at 1 - 1/W."""
 
 
 def wall(side: int) -> Scene:

@@ -1,4 +1,4 @@
-"""The planner: its plans pass when measured, no simpler settings do, and its outputs."""
+"""The planner: its plans pass when measured, simpler settings fail, and invariances hold."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_a_surface_through_the_aperture_itself_leaves_no_plan() -> None:
 
 @pytest.mark.parametrize("name", thinned(["asymmetric-recentered", "car", "large-triangles"], 3))
 def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
-    """The bound, up to a pixel, with and without cuts, is at most a tenth too high."""
+    """Bounds up to a pixel hold, with and without cuts; their median is under a tenth too high."""
     scene = view(name, (192, 144))
     aperture, reach = scene.default_apertures()[-1], scene.frustum.longest_reach
     truth = Reference(scene).trace(aperture)
@@ -180,7 +180,7 @@ NEEDING_CUTS = [
 def test_with_one_slab_less_it_does_not_hold(
     name: str, buffer: DepthBuffer, separation: float | None
 ) -> None:
-    """Removing any one of the cuts makes the plan fail, as does the best plan with fewer cuts.
+    """The plan fails without any one of its cuts, and so does the best plan with fewer cuts.
 
     The planner adds a cut only if no near offset suffices without it.
     """

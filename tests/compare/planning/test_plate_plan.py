@@ -1,4 +1,4 @@
-"""Plans for a whole plate hold at hogels that the scan missed; samples give their bounds."""
+"""Plans for a whole plate hold at hogels that the scan missed; samples bound the others."""
 
 import math
 from dataclasses import replace
@@ -88,7 +88,7 @@ def blind(scouted: PlateScan) -> PlateScan:
 
 
 def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted: PlateScan) -> None:
-    """A sample may look good by chance: each of three bounds has the confidence's cube root."""
+    """A sample may look good by chance: each of three bounds has confidence CONFIDENCE^(1/3)."""
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
     assert made.within and made.plate is not None
     assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
@@ -157,7 +157,7 @@ def test_apertures_in_a_surface_that_the_scan_missed_are_left_out(
 
 
 def test_errors_of_depth_and_of_displacement_are_distinguished(near_ball: Scene) -> None:
-    """A large near displaces surfaces and orders them; a tiny one, with few bits, does neither."""
+    """A large near displaces surfaces but orders them; a tiny one with few bits does neither."""
     over = [near_ball.plate.aperture(*OVER)]
     with Evaluator(near_ball) as judge:
         (bent,) = hogel_results(judge, over, DoubleFrustum(near=5.0, depth=DepthFormat.D32F))

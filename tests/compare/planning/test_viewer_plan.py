@@ -99,7 +99,8 @@ def projected(tiny: World) -> Scene:
     [
         # In the plane of the screen, every film images exactly the screen.
         (600.0, 60.0, 60.0),
-        # A third nearer, films are 40 mm wide; their middles move by a third of 76 mm of apertures.
+        # A third nearer, films are 40 mm wide; their middles move by a third of the 76 mm between
+        # the outermost apertures.
         (400.0, 40.0 + 76.0 / 3, 40.0 - 76.0 / 3),
         # Twice as far, films are 120 mm wide; their middles move by 76 mm in the opposite
         # direction.

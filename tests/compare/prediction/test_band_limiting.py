@@ -120,7 +120,7 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
 
 
 def test_auto_is_the_number_that_check_recommends(tmp_path: Path, command: Command) -> None:
-    """A dim ball far behind the plate, whose image moves by a fifth of a pixel over the pitch."""
+    """Check a dim ball far behind the plate; its image moves by 1/5 of a pixel over the pitch."""
     file, out = tmp_path / "ball.toml", tmp_path / "x.zarr"
     file.write_text(
         named("dim")

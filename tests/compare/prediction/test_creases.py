@@ -89,7 +89,7 @@ def test_a_crease_that_hides_points_by_less_than_their_tolerance_counts_nothing(
 
 
 def test_pleats_are_drawn_with_as_many_wrong_pixels_as_predicted() -> None:
-    """The tolerance allows for chance, with two wrong pixels for each event; ridges have none."""
+    """The tolerance allows for chance if wrong pixels come in pairs; ridges have none."""
     measured, expected = 0, 0.0
     for turned in np.linspace(5, 85, 10):
         scene = pleated([0.0, -0.6] * 60 + [0.0], float(turned))

@@ -67,8 +67,8 @@ def heights_about(height: float) -> Floats:
 def predicted(settings: DoubleFrustum, height: float) -> float:
     """Return the separation along z at which the allowed fraction of pixels is misordered.
 
-    Errors are close to normal. The chance of a cell therefore follows from the separation at which
-    it would be `MAX_MISORDERED_FRACTION`.
+    Errors are close to normal. A cell's chance of a wrong order therefore follows from the
+    separation at which that chance is `MAX_MISORDERED_FRACTION`.
     """
     near, w = settings.near, heights_about(height) + settings.near
     there = smallest_separation(w, near, near + REACH, settings.depth, settings.mapping)
@@ -144,9 +144,9 @@ def test_the_chance_of_a_wrong_order_falls_from_a_half_to_a_percent_to_nothing(
 ) -> None:
     """Near is a tenth of the reach, so that no surface is lost; the worst order doubles the share.
 
-    At the smallest separation about a percent is wrong. The closed form of this separation counts
-    equal depths as wrong and adds the squares of step and error. The chance averages over both,
-    which gives at most four percent where step and error have equal size.
+    At the smallest separation about 1 % of the pixels are wrong. The closed form of this separation
+    counts equal depths as wrong, and adds the squares of step and error. `chance` averages over
+    step and error, which gives at most 4 % where both have equal size.
     """
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
     assert chance(height, 0.0, settings) == pytest.approx(1 / MAX_ORDER_FACTOR, abs=1e-3)
@@ -160,7 +160,7 @@ def test_the_chance_of_a_wrong_order_falls_from_a_half_to_a_percent_to_nothing(
     assert share(height, 0.0, settings) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_device_that_stores_either_step_orders_surfaces_two_steps_apart() -> None:
+def test_a_device_that_rounds_to_either_step_orders_surfaces_two_steps_apart() -> None:
     w, buffer = np.array([20.0]), (10.0, 60.0, DepthFormat.D16, DepthMapping.LINEAR)
     nearest = float(smallest_separation(w, *buffer)[0])
     assert nearest == pytest.approx(50 / 2**16, rel=0.01)  # a step; float32 rounds to 2^-8 of it
@@ -170,7 +170,7 @@ def test_a_device_that_stores_either_step_orders_surfaces_two_steps_apart() -> N
 
 
 def test_surfaces_in_different_slabs_are_never_misordered() -> None:
-    """The surfaces are two thirds of a step, 50 / 2^16, apart."""
+    """The surfaces are two thirds of a depth step (50 / 2^16) apart."""
     settings = DoubleFrustum(
         near=1.0,
         depth=DepthFormat.D16,
@@ -285,7 +285,7 @@ def misordered_pixels(name: str, settings: DoubleFrustum, width: int) -> tuple[i
 def test_the_share_on_a_car_is_as_predicted(settings: DoubleFrustum) -> None:
     """Predictions, for the draw order or a random order, agree within a factor of two.
 
-    Near is a part of the reach.
+    `near` is a fraction of the reach.
     """
     measured, *predicted = misordered_pixels("car", settings, 256)
     assert measured > 5e-4 * 256**2
@@ -313,7 +313,7 @@ NEARS = tuple(10.0**-e for e in (2, 2.5, 3, 3.5, 4, 5, 6, 7, 8))
 
 SNAPPED_SURFACE = 1e-4
 """Share of pixels that snapping makes wrong. Vertices snap to 2^-8 px: along silhouettes, sqrt(2)/2
-2^-8 px on either side are uncertain, a share of 0.0055 l / W for silhouettes of l image widths.
+* 2^-8 px on either side are uncertain, a share of 0.0055 l / W for silhouettes of l image widths.
 Half of these pixels flip; the car's silhouettes are about 7 image widths long.
 """
 

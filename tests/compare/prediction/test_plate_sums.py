@@ -17,7 +17,7 @@ def by_name(links: tuple[LinkSum, ...]) -> dict[str, LinkSum]:
     return {link.name: link for link in links}
 
 
-def test_rasterization_has_its_sum_although_each_hogel_has_too_few_pixels() -> None:
+def test_the_sum_of_rasterization_holds_although_each_hogel_has_too_few_pixels() -> None:
     """Most wrong pixels of the bunny lie at creases, only one or two of them in a hogel."""
     sums = plate_sums(plate("bunny-transfer", (3, 3), 96), nears=(1e-3, 1e-4))
     assert_holds(sums)

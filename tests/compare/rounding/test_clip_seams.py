@@ -58,7 +58,7 @@ def test_a_triangle_over_one_border_leaves_a_quadrangle_with_two_diagonals(side:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_near_plane_cuts_in_depth(side: int) -> None:
-    """Edges are cut where s is near: s is linear along an edge, and 1/s along its image."""
+    """Edges are cut where s equals near: s is linear along an edge, and 1/s along its image."""
     lines = bundle(side, near=1.0)
     a, b, c = places = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 100.0)])
     s = np.array([2.0, 3.0, 0.5])

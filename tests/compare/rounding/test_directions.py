@@ -116,7 +116,7 @@ def sheet(left: float, right: float, z: float) -> Floats:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("screened", [False, True])
 def test_the_reach_cuts_surfaces_on_both_sides(side: float, screened: bool) -> None:
-    """A ramp crosses both ends of the reach; the screen lies beyond the nearer end, or behind."""
+    """A ramp crosses both ends of the reach; a screen lies beyond either end."""
     ramp = np.array([[(-9.0, -30.0, -70.0), (9.0, -30.0, 85.0), (0.0, 60.0, 7.5)]])
     screen = Screen(height=side * 90.0, center=(3.0, 0.0), size=(60.0, 40.0))
     frustum = replace(SIDE, fov=None, screen=screen) if screened else SIDE

@@ -169,7 +169,7 @@ def test_every_spoiled_truth_disagrees(kind: str) -> None:
 def test_a_reference_that_believes_its_tracer_fails_the_self_check(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """float32 returns pixels of coinciding and nearly coinciding sheets in either order."""
+    """In float32, the tracer returns coinciding or nearly coinciding sheets in either order."""
 
     class Believer(Reference):
         def trace(self, *args: Any, **options: Any) -> HogelImage:
@@ -234,7 +234,7 @@ def test_a_wrong_truth_by_direction_is_detected_twice(kind: str) -> None:
     ids=["positions", "certainty"],
 )
 def test_other_bits_than_by_hogel_differ(spoil: Callable[[DirectionImage], DirectionImage]) -> None:
-    """Integers accept any position within its error bound, and do not distinguish proofs."""
+    """Integers accept positions within the error bound, and `PROVEN` pixels as `EXACT` ones."""
     check = by_direction(spoil)
     assert check.differing > 0 and check.wrong == 0
     assert not SelfCheck(views=(), directions=(check,), sphere=None, seconds=0.0).agrees
@@ -260,7 +260,7 @@ def test_no_line_from_a_spheres_center_misses_it(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three vertices and three edges lose a triangle, but no line through them loses its hit."""
+    """Lines through the hole's vertices and edges still meet the triangles beside it."""
 
     def all_but_one(corners: Floats, directions: Floats) -> FirstHits:
         return first_from_center(corners[:-1], directions)

@@ -38,8 +38,8 @@ def hides(
 ) -> bool:
     """Return whether a triangle hides a point of another triangle, in rational numbers.
 
-    The triangle meets the point's line before the tolerance, and the point's distance from the
-    triangle's plane exceeds the tolerance.
+    It does if it meets the point's line before the range of the tolerance around the point, and the
+    point's distance from its plane exceeds the tolerance.
     """
     (position, own, tolerance), center = point, np.array(bundle.center)
     s = center[2] - position[2]

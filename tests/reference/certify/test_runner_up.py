@@ -18,7 +18,7 @@ ALIKE = 1e-9
 #: times as large
 ROUNDED = 1e-13
 
-#: Height 1e-11 from a square at 3, relative
+#: Distance 3 from the plate, increased by a relative 1e-11
 CLOSE = 3 * (1 + 1e-11)
 
 
@@ -84,7 +84,7 @@ def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
 @pytest.mark.parametrize(
     ("heights", "drawn", "gap"),
     [
-        # C sorts from nearest to farthest; C*, from farthest to nearest the plate; they never mix.
+        # C sorts away from the plate, and C* sorts toward it; their surfaces never mix.
         ([5.0, -3.0, -8.0], False, math.inf),
         ([5.0, 0.0], False, 5.0),
         ([0.0, -4.0, -5.0], False, 4.0),

@@ -28,7 +28,7 @@ def shown(points: Floats, bundle: RayBundle) -> Mask:
 
 
 def check(corners: Floats, bundle: RayBundle, random: np.random.Generator) -> float:
-    """Test that points of left out triangles are not shown; return the share that is left."""
+    """Test that points of omitted triangles are not shown; return the share of kept triangles."""
     before = Triangles(corners).before(bundle)
     assert (np.diff(before) > 0).all()
     shares = random.dirichlet((0.5, 0.5, 0.5), (len(corners), 20))

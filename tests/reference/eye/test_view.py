@@ -21,7 +21,7 @@ EYE = Eye(position=(7.0, -4.0, 500.0), resolution=(60, 45))
 
 
 def coarse(scene: Scene) -> Scene:
-    """Return the scene with a plate of 12 x 9 hogels, so that a view has many pixels of each."""
+    """Return the scene with a plate of 12 x 9 hogels: a view has many pixels of each hogel."""
     return replace(scene, plate=replace(scene.plate, hogels=(12, 9)))
 
 

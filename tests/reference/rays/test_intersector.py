@@ -51,7 +51,7 @@ def test_trimeshs_own_tests_pass() -> None:
     assert "11 passed" in run.stdout
 
 
-def test_a_shared_edge_is_one_place_and_all_its_triangles(box: trimesh.Trimesh) -> None:
+def test_a_hit_on_a_shared_edge_has_one_place_and_all_triangles(box: trimesh.Trimesh) -> None:
     below = [[0.0, 0.0, -2.0]]
     triangle, ray = box.ray.intersects_id(below, UP)
     first, second = triangle[:2], triangle[2:]
@@ -78,8 +78,8 @@ def test_first_hits_have_certainties_and_ties(box: trimesh.Trimesh) -> None:
     first = box.ray.first(starts, UP * 4)
     assert first.certainty.tolist()[:3] == [Certainty.PROVEN, Certainty.TIE, Certainty.PROVEN]
     assert first.t.tolist()[:2] == [1.5, 1.5] and np.isnan(first.t[2])
-    # Along a side of the box, in the side's plane: the bottom has an edge there; the side is not
-    # met.
+    # The last ray lies in the plane of a side of the box: it meets the edge of the bottom, but not
+    # the side.
     assert first.triangle[2] == -1 and first.triangle[3] >= 0 and first.t[3] == 1.5
     assert first.ties.tolist() == [[1, n] for n in sorted(first.ties[:, 1])]
     assert box.ray.intersects_first(starts, UP * 4).tolist() == first.triangle.tolist()
@@ -114,7 +114,7 @@ def test_points_are_finite_where_t_is_no_double(
         [[0, 0, start]], [[0, 0, speed]], multiple_hits=several
     )
     assert triangle.tolist() == [0]
-    # A point has the rounding error of the origin.
+    # A point has the rounding error of its ray's origin.
     assert point == pytest.approx(np.array([[0, 0, size]]), rel=1e-15, abs=1e-15 * abs(start))
 
 
@@ -157,7 +157,7 @@ def test_rays_from_afar_meet_the_same_triangles(distance: float) -> None:
 
 @pytest.mark.parametrize("distance", [2.0, 1e14])
 def test_a_ray_alone_meets_no_triangle_twice(distance: float, box: trimesh.Trimesh) -> None:
-    """Triangle 0 inside, and at its edge in doubt; from afar the walk returns no pair."""
+    """Rays meet triangle 0 inside and, uncertain, at its edge; from afar the walk has no pair."""
     ray, away = ExactIntersector(box), box.face_normals[0] * distance
     for place in (box.triangles[0].mean(axis=0), box.triangles[0, :2].mean(axis=0)):
         first = ray.first([place + away], [-away])

@@ -68,8 +68,8 @@ def everything() -> tuple[SceneObject, ...]:
 def farthest(estimate: RadianceEstimate, expected: Floats) -> float:
     """Return the p-value of the worst pixel and channel, with Bonferroni's correction.
 
-    Student's t uses the spread of the samples. Where samples do not vary, and everywhere in
-    addition, the two may differ by the rounding of colors.
+    Student's t uses the spread of the samples. Everywhere, mean and expectation may differ by the
+    rounding of colors in addition; where samples do not vary, only by this rounding.
     """
     difference = np.maximum(
         np.abs(estimate.mean - expected) - COLOR_ROUNDING * np.abs(expected), 0.0
@@ -224,8 +224,8 @@ class TestInterreflection:
     def share(self, points: NDArray[np.floating]) -> Floats:
         """Return the triangle's cosine-weighted share of the hemisphere (Lambert, 1760).
 
-        Sum over the triangle's edges: 1 / 2 pi times the angle under which the edge is seen, times
-        the cosine between the normal and the normal of the plane through edge and point.
+        Sum over the triangle's edges: 1 / (2 pi) times the angle under which the edge is seen,
+        times the cosine between the normal and the normal of the plane through edge and point.
         """
         seen = self.TRIANGLE - points[..., None, :]
         seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)

@@ -57,8 +57,8 @@ def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
             & (abs(np.linalg.det(xyw)) > 1e-12)
         )
         for index in np.flatnonzero(met):
-            # In clip coordinates, the triangle's point w (u, v, 1) is the mean of its corners with
-            # weights w * weights.
+            # In clip coordinates, the triangle's point w * (u, v, 1) is the mean of its corners
+            # with weights w * weights.
             weights = film @ np.linalg.inv(xyw[index])
             with np.errstate(divide="ignore", invalid="ignore"):
                 w = 1 / weights.sum(-1)

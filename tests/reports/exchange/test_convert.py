@@ -107,7 +107,7 @@ def test_hogels_that_were_never_drawn_are_counted(
 
 
 def test_no_hogel_is_left_out_unnoticed(tmp_path: Path) -> None:
-    """Names alone describe a smaller plate; of a stated plate, files are missing or extra."""
+    """File names alone describe a smaller plate; for a stated plate, files are missing or extra."""
     source, _ = group(tmp_path, "uint8", (6, 1))
     files, out = tmp_path / "files", tmp_path / "out"
     convert(source, files, write_as="hogels")

@@ -129,7 +129,7 @@ IN_SKY = Appearance(environment=Environment(radiance=np.full((2, 4, 3), 0.5, np.
         ),
     ],
 )
-def test_going_on_with_anything_else_is_refused(
+def test_a_plate_is_not_continued_with_anything_else(
     change: Callable[[Scene], tuple[Scene, DoubleFrustum, PlateContent]], named: str, clean: Path
 ) -> None:
     before = tree(clean)
@@ -141,7 +141,7 @@ def test_going_on_with_anything_else_is_refused(
     assert tree(clean) == before
 
 
-def test_a_moved_scene_and_effects_that_change_no_pixel_are_gone_on_with(
+def test_a_plate_is_continued_with_a_moved_scene_and_effects_that_change_no_pixel(
     plate: Path, clean: Path
 ) -> None:
     (plate / SHARD["color"]).unlink()
@@ -241,7 +241,7 @@ def test_an_obstacle_ends_the_command_in_one_line(plate: Path) -> None:
 # Several processes
 
 
-def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
+def test_a_plate_that_appears_while_another_is_being_made_is_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clean: Path
 ) -> None:
     """Two processes start a new plate at once: neither deletes the other's files."""

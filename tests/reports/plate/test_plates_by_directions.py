@@ -174,7 +174,7 @@ def test_contents_and_scenes_without_views_are_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_going_on_in_another_way_or_depth_is_refused(clean: Path) -> None:
+def test_a_plate_is_not_continued_in_another_way_or_depth(clean: Path) -> None:
     before = tree(clean)
     with pytest.raises(InputError, match="other directions"):
         drawn(clean, DepthFormat.D32F)

@@ -243,7 +243,7 @@ def test_a_mesh_as_flat_as_rounding_is_placed_behind_the_plate(off: str, command
 
 
 def test_surfaces_through_the_plate_or_near_it_raise_no_warning() -> None:
-    """A solid across the plate has no triangle in it; a distance that float32 resolves is valid."""
+    """A solid across the plate has no triangle in the plate; float32 resolves a height of 1e-4."""
     assert xfrustum.new_scene(mesh("part.obj"), "a.toml").warning is None
     Path("near.toml").write_text(FRAME + part("square", 40.0, (0.0, 0.0, 1e-4)))
     assert not xfrustum.check(open_scene("near.toml")).warnings

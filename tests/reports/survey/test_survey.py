@@ -187,7 +187,7 @@ def test_limits_decide_the_exit_status(
 ) -> None:
     fine = ("--near", "0.001")
     good = surveyed(scene_path, tmp_path / "good", capsys, *fine, "--until", "40%")
-    # All looks share the risk of a false bound; the first look sufficed.
+    # The risk of a false bound is divided among all looks; the first look sufficed.
     bound = share_beyond(0, good["judged"], 20, risk_of_claim(look=0))
     assert good["status"] == 0 and good["share_beyond_at_most"] == bound <= 0.4
     bad = surveyed(scene_path, tmp_path / "bad", capsys, *COARSE, "--until", "40%")

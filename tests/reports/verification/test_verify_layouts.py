@@ -43,7 +43,7 @@ SHAPES = {
     "full": ((16, 16), (3, 3)),
     "horizontal": ((48, 1), (7, 7)),
 }
-"""Pixels of hogels, and hogels of plates."""
+"""Resolution of the hogels, and columns and rows of hogels, by name."""
 
 
 @cache

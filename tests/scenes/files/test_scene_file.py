@@ -147,7 +147,7 @@ def refusal(folder: Path, lines: dict[str, str]) -> str:
 def test_a_mistake_is_one_line_with_file_key_and_valid_values(tmp_path: Path, mistake: str) -> None:
     line, *expected = mistake.split(" : ")
     key, _, value = line.partition(" =")
-    # Sorted first: TOML errors state the line number.
+    # The mistake comes first: TOML errors state the line number.
     message = refusal(tmp_path, {key: value} | {k: v for k, v in VALID.items() if k != key})
     assert [words for words in expected if words not in message] == []
 

@@ -69,7 +69,7 @@ def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
 def test_refining_keeps_interpolated_attributes(
     normals: Floats, colors: Floats, levels: int
 ) -> None:
-    """Corners (0, 0), (1, 0) and (0, 1) have shares 1 - x - y, x and y of a point (x, y)."""
+    """Corners (0, 0), (1, 0) and (0, 1) have weights 1 - x - y, x and y at a point (x, y)."""
     part = SceneObject(
         name="t",
         vertices=np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]),
@@ -122,7 +122,7 @@ def test_smoothing_joins_vertices_in_one_place_and_keeps_normals_that_are_there(
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
 def test_smoothing_a_sphere_of_any_size_gives_about_its_radii(size: float) -> None:
-    """24 bands of 7.5 degrees: the mean of the facets around a point is closer than a facet."""
+    """With 24 bands of 7.5 degrees, means of facet normals are within 0.5 degrees of the radii."""
     ball = build_shape("sphere")
     ball = smoothed(replace(ball, vertices=ball.vertices * size))
     outward = ball.vertices / size / 0.5

@@ -41,7 +41,7 @@ def starved(settings: DoubleFrustum) -> bool:
 
 @pytest.mark.slow
 def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation() -> None:
-    """An exception is standard depth with only a handful of steps: it varies by up to 2 %."""
+    """An exception is standard depth with a handful of steps: wrong surfaces vary by up to 2 %."""
     coarse, fine = rows(0), rows(2)
     assert best_setting(fine).settings == best_setting(coarse).settings
     for row, other in zip(coarse, fine, strict=True):

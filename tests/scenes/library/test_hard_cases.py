@@ -184,9 +184,9 @@ def peak_memory(work: str) -> int:
 
 
 BYTES_PER_TRIANGLE = 512
-"""Largest memory per triangle, bytes. With two triangles per vertex, 132 remain: vertices 12, faces
-24, corners 72, normals 24. Computing normals temporarily takes about three times as much. An image
-adds very little.
+"""Largest memory per triangle, bytes. With two triangles per vertex, 132 bytes remain: vertices
+12, faces 24, corners 72, normals 24. Computing normals temporarily takes about three times as much.
+An image adds very little.
 """
 
 
@@ -248,7 +248,7 @@ def inside(values: Indices | np.int64, limits: tuple[float, float]) -> Mask:
 
 @shows("vertices-and-edges")
 def all_triangles_at_vertices_and_edges(view: View) -> dict[str, Any]:
-    """Two sheets are grids of squares with diagonals in the image, independent of depths."""
+    """In the image, two sheets are grids of squares with diagonals, whatever their depths."""
     row, rows = view.row, (2, 58)
     counts = np.ones_like(row)
     for index, triangles in view.ties.items():

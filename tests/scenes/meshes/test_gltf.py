@@ -307,7 +307,7 @@ def test_bounds_may_be_printed_with_six_digits(tmp_path: Path) -> None:
 
 def test_joints_count_with_a_skin_alone_and_their_weights_add_up_to_one(tmp_path: Path) -> None:
     writer = skinned()
-    writer.tree["accessors"][1]["normalized"] = False  # not normalized, but still shares
+    writer.tree["accessors"][1]["normalized"] = False  # still weights, though not normalized
     np.testing.assert_array_equal(corners(read(writer, tmp_path)), PLAIN)
     short = np.tile(np.array([64, 150, 0, 0], "<u1"), (5, 1))
     [primitive] = writer.tree["meshes"][0]["primitives"]

@@ -182,7 +182,7 @@ direction = [0.0, 0.0, 1.0]
 FILM = film((8.0, 6.0), hogels=(3, 3), resolution=(9, 7), fov_deg=(40.0, 30.0), reach=(20.0, 20.0))
 
 
-def test_both_answers_show_the_albedo(tmp_path: Path) -> None:
+def test_reference_and_rasterizer_show_the_albedo(tmp_path: Path) -> None:
     """Under a light from the viewer, a diffuse sheet has radiance 0.5 times its albedo.
 
     The albedo is the product of a color at vertices and a texture.

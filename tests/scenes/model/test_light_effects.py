@@ -182,7 +182,8 @@ def test_effects_state_the_binding_error_bounds_at_each_depth() -> None:
     assert moved == pytest.approx(depths["tolerance_px"])
     assert depths["contrast"] == pytest.approx(0.7) and depths["sub_apertures"] == 8192
     levels = {entry["sub_apertures"]: entry["levels"] for entry in depths["band_errors"]}
-    # A blur of over a pixel: without band limiting half the contrast, else the points' discrepancy
+    # Blur exceeds a pixel: the error is half the contrast without band limiting, and else the
+    # contrast times the points' discrepancy.
     assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(
         0.7 * 255 * 0.0329
     )

@@ -218,7 +218,7 @@ def test_a_black_picture_of_an_empty_hogel_is_right_with_a_warning(
 def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
     tmp_path: Path, command: Command
 ) -> None:
-    """Equal slices of a sphere have equal areas: from 50 to 170 behind, 20 of 120 are 1/6."""
+    """Equal slices of a sphere have equal areas: 20 of its 120 mm lie beyond the reach, or 1/6."""
     scene = write(tmp_path, 120.0, (0.0, 0.0, -110.0))
     warning = command(f"trace {scene} --out {tmp_path}/out.exr --quiet").err
     assert warning.count("\n") == 1
