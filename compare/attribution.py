@@ -116,7 +116,7 @@ Size = tuple[float | None, float | None]
 
 
 def _size(steps: Floats | None, known: Mask) -> Size:
-    """Return the size of steps (H, W) at known pixels; None represents steps that are all 0."""
+    """Return the `Size` of steps (H, W) at known pixels; `steps` None means that all are 0."""
     if not known.any():
         return None, None
     # A link without effect has length zero wherever the other links are defined.
@@ -389,9 +389,9 @@ CLIPPING, OUTPUT = "clipping", "8-bit output"
 TRANSPORT, BAND_LIMITING, AVERAGING = "light transport", "band limiting", "averaging"
 """Names of links.
 
-`EYE_VECTOR` directs the eye vector at the drawn points to the camera that drew them. `SHADING`
-replaces double precision: the device interpolates normals, colors and texture coordinates, and
-evaluates the light model."""
+`EYE_VECTOR` turns the eye vector of each drawn point toward the camera that drew the point.
+`SHADING` replaces shading in double precision by the device's: the device interpolates normals,
+colors and texture coordinates, and evaluates the light model."""
 
 MAX_CHAIN_PIXELS = 1 << 22
 """Largest number of pixels of each image of a chain: memory is some 500 bytes a pixel."""
@@ -399,7 +399,7 @@ MAX_CHAIN_PIXELS = 1 << 22
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceChange:
-    """Change of linear radiance over a link or the whole chain; None without such pixels."""
+    """Change of linear radiance over a link or the whole chain; None for a mean over no pixels."""
 
     #: mean, rms and max: over all judged pixels
     mean: float | None

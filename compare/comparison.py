@@ -63,7 +63,7 @@ SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 """Standard deviation and width of the Gaussian window of SSIM (Wang et al., 2004)."""
 
 STEP = 1 / 255
-"""One level of 8-bit output in linear radiance: allowed difference of two shaded answers."""
+"""One level of 8-bit output in linear radiance: allowed difference of two shaded images."""
 
 #: function called after each part of the work
 Done = Callable[[], object]
@@ -142,7 +142,7 @@ def compare_with_noise(
 
 
 def joint_chance(chance: float, tests: int) -> float:
-    """Return the chance that the least of independent p-values is at most `chance` (Sidak)."""
+    """Return the chance that any of `tests` independent p-values is at most `chance` (Sidak)."""
     return 1.0 if chance >= 1 else float(-np.expm1(tests * np.log1p(-chance)))
 
 
@@ -181,7 +181,7 @@ class LeftOut:
     """Effect of shadows and interreflection on an image."""
 
     numbers: LeftOutNumbers
-    #: the truth with the effects minus the truth without; `samples` are of one truth
+    #: the truth with the effects minus the truth without; `samples` is the number of one truth
     difference: RadianceEstimate
     #: the truth without the effects, (H, W, 3)
     without: Floats

@@ -495,7 +495,7 @@ def _updated_errors(
     pixels = differing_pixels(cached.raster, raster)
     if not pixels.size:
         return replace(cached, raster=raster)
-    # Take the differing pixels as images of one row.
+    # Treat the differing pixels as images of one row.
     before, after = truth.at(pixels), raster.at(pixels)
     judged = cached.judged.reshape(-1)[pixels][None]
     places = film_places(after, truth.camera)

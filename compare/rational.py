@@ -29,7 +29,7 @@ slope. They have at most 3 roundings of 2^-53, each of a number no larger than t
 coordinate times 1 + the steepest slope. The margin is over a thousand times wider."""
 
 CHUNK_TRIANGLES = 1 << 13
-"""Number of triangles compared with all rows at once, a byte for each triangle, row and column."""
+"""Number of triangles tested at once, with a byte of memory for each triangle, row and column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -120,7 +120,7 @@ def place_of(plate: Plate, aperture: Aperture) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class RandomSample:
-    """Number of random hogels, at least one, and the seed, from 0."""
+    """Number of random hogels, >= 1, and the seed of the random numbers, >= 0."""
 
     hogels: int = SAMPLED_HOGELS
     seed: int = 0
@@ -302,7 +302,7 @@ class PlateSample:
 
     @property
     def description(self) -> dict[str, int | float | None]:
-        """Numbers that determine the hogels, in JSON types."""
+        """Parameters that determine the sampled hogels, in JSON types."""
         seed = None if self.growing is None else self.growing.seed
         sizes = {"hogels": self.hogels, "population": len(self.population)}
         return {**sizes, "first": self.first_size, "until": self.until, "seed": seed}

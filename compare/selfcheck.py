@@ -154,7 +154,7 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
     """Return the largest error (N,) of an s that was computed in double precision.
 
     `corners` (N, 3, 3) are the corners of the triangles met, relative to the center. d (N, 3) are
-    the directions, and s (N,) the rounded exact values. If rounding leaves the sign of d . n
+    the directions, and s (N,) are the rounded exact values. If rounding leaves the sign of d . n
     undetermined, s needs rational arithmetic, and the bound allows only the rounding of an exact s.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -364,7 +364,7 @@ class SphereCheck:
 
 @dataclass(frozen=True, kw_only=True)
 class SelfCheck:
-    """All checked images, and the sphere; None if it was not checked."""
+    """All checked images, and the sphere, which is None if it was not checked."""
 
     views: tuple[ViewCheck, ...]
     directions: tuple[DirectionCheck, ...]  #: for each scene
@@ -442,7 +442,7 @@ def default_names() -> list[str]:
 
 
 def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
-    """Yield name, scene and aperture of each checked image, small enough for integers."""
+    """Yield name, scene and aperture of each checked image; integers limit the images' size."""
     case = hard_cases.CASES.get(name)
     if case is not None and case.giant:
         raise InputError(

@@ -154,14 +154,14 @@ def difference(a: Vector, b: Vector) -> list[Any]:
     return [first - second for first, second in zip(a, b, strict=True)]
 
 
-#: Pixels of a band of an image that is written band by band, `PIXEL_BYTES` each
+#: Number of pixels in a band of an image that is written band by band, `PIXEL_BYTES` each
 BAND_PIXELS = 1 << 19
 
 #: approximate memory for each pixel of a band in progress, bytes
 PIXEL_BYTES = 400
 
-#: Pixels of a band of an image that is kept whole: joining smaller bands would cost more time. A
-#: band adds some 80 bytes a pixel to the image's own 70.
+#: Number of pixels in a band of an image that is kept whole: joining smaller bands would cost more
+#: time. A band adds some 80 bytes a pixel to the image's own 70.
 WHOLE_PIXELS = 1 << 22
 
 

@@ -206,7 +206,7 @@ class EyeReference:
             per_point = len(taken.colors) // len(eye.pupil_points)
             for number, pixels in enumerate(taken.colors):
                 point = eye.pupil_points[number // per_point]
-                # With the nearest pixel and a pinhole, color belongs to the surfaces that are
+                # With the nearest pixel and a pinhole, color is taken from the surfaces that are
                 # shown.
                 known = (grid, decided) if len(taken.colors) == 1 else None
                 part = self._part_color(eye, pixels, point, known)

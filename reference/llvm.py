@@ -32,7 +32,7 @@ OLDEST_LLVM = 17
 #: preferred version; otherwise the nearest version is taken
 TESTED_LLVM = 19
 
-#: Description of the LLVM if Dr.Jit was imported, and chose it, before this module could choose
+#: Text in place of a library's path if Dr.Jit was imported before this module could choose one
 FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
 
 #: Environment variable with the largest number of threads of a process, so that several workers can
@@ -80,7 +80,7 @@ def _cuda_card() -> bool:
 
 
 def worker_count() -> int:
-    """Return the number of CPUs of this process, or fewer by `THREADS_VARIABLE`."""
+    """Return the number of CPUs of this process, at most the limit of `THREADS_VARIABLE`."""
     available = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )

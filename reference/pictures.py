@@ -3,12 +3,12 @@
 **Images** have points, normals, objects and light. There is one lane of Dr.Jit for each pixel.
 Layers are the images of single cameras; later layers are drawn over earlier layers.
 
-**Means** of color are over boxes of pixels, over apertures, and to convergence. The integral over a
-hogel's aperture (paper, section 6: band limiting) is taken at scrambled Sobol points (Owen, 1997).
-Each scrambling gives an unbiased estimate. The scatter of several estimates therefore measures the
-error of their mean, for any picture. The error of N points falls as N^-1.5 where a pixel changes
-smoothly with the point, and as N^-0.75 where an edge passes over it; independent random points
-would give N^-0.5.
+**Means** of color are over boxes of pixels and over apertures, on request until they converge. The
+integral over a hogel's aperture (paper, section 6: band limiting) is then estimated with scrambled
+Sobol points (Owen, 1997). Each scrambling gives an unbiased estimate. The scatter of several
+estimates therefore measures the error of their mean, for any picture. The error of N points falls
+as N^-1.5 where a pixel changes smoothly with the point, and as N^-0.75 where an edge passes over
+it; independent random points would give N^-0.5.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ from xfrustum.scenes.plate import Aperture, DoubleFrustum, Plate, PlateTile
 class Layer:
     """Surfaces of one camera in all rows of an image, or of several cameras overlaid.
 
-    Triangle numbers (H, W), `NOTHING` for none, their `Certainty`, the tied triangles (N, 3) as
-    in `FirstSurfaces`, and surface points (H, W, 3) in scene units, NaN for none.
+    The fields are triangle numbers (H, W), `NOTHING` for none, their `Certainty`, tied triangles
+    (N, 3) as in `FirstSurfaces`, and surface points (H, W, 3) in scene units, NaN for none.
     """
 
     triangle: Numbers
@@ -304,7 +304,7 @@ class Pictures:
         }
 
 
-#: Points along each side of a pixel that integrate the box of multisampling. The error for a
+#: Number of points along each side of a pixel that represent its multisampling. The error for a
 #: straight edge along the rows or columns of points is at most half a row, 1/16 of the pixel; for
 #: other edges it is less.
 BOX_SIDE = 8

@@ -19,7 +19,7 @@ from xfrustum.scenes.representation import ShortRepr
 #: Pixels of a second opinion traced at once, which bounds memory: some 200 bytes each
 OPINION_PIXELS = 1 << 18
 
-#: Distance of rays' origins from the scene's box, a share of its diagonal far above rounding
+#: Distance of rays' origins from the scene's box, relative to its diagonal; far above rounding
 CLEARANCE = 2.0**-6
 
 

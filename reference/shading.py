@@ -105,7 +105,7 @@ class Surroundings:
     def radiance(self, directions: Sequence[Any]) -> list[Any]:
         """Return the environment's linear RGB in each direction, of any length but zero.
 
-        The middle of the map lies toward -z, its top toward +y; +x is to the right of the middle.
+        The middle of the map is at -z, and its top is at +y; +x is to the right of the middle.
         The map is filtered bilinearly between texel centers, repeated in longitude, and clamped
         beyond its first and last row.
         """
@@ -528,6 +528,6 @@ class ShadowedShader:
 
 
 def _unsigned_cross(edges: Floats) -> Floats:
-    """Return cross products of unsigned vectors (K, 2, 3), products added instead of subtracted."""
+    """Return cross products of unsigned vectors (K, 2, 3), with sums in place of differences."""
     (ax, ay, az), (bx, by, bz) = edges[:, 0].T, edges[:, 1].T
     return np.stack((ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx), axis=1)

@@ -9,11 +9,11 @@ the mean of `Reference.trace` only by light transport and noise. Points and thei
 double precision; only rays are in single precision. The formulas of `shading` are written a second
 time on purpose, so that the two versions check each other.
 
-CONVENTIONS.md, "Light", defines the surfaces. A light of color I has the irradiance pi I on a
+CONVENTIONS.md, "Light", defines the surfaces. A light of color I gives the irradiance pi I to a
 surface that faces it, so that a diffuse surface of coefficient d and albedo a scatters the share d
 a of the incident light, and shows d a / pi of its irradiance. Hence, with interreflection:
 
-* diffuse light adds d a times the mean of the radiance that arrives over the hemisphere, by cosine;
+* diffuse light adds d a times the cosine-weighted mean of the radiance over the hemisphere;
 * a mirror shows the surface in the mirrored direction, or the environment if there is no surface;
 * only lights make highlights. The light that comes from another surface is its whole radiance:
   ambient, diffuse, highlights, reflection. The ambient term stays constant, as if the surface
@@ -429,7 +429,7 @@ class PathTracer:
         return Shader(self.scene), ShadowedShader(self.scene)
 
     def _direct(self, aperture: Aperture, *, shadows: bool) -> Floats:
-        """Return mean direct light (H, W, 3) over the points of each pixel, shadows exact."""
+        """Return mean direct light (H, W, 3) over the points of each pixel; shadows are exact."""
         side, rows = points_per_side(self.scene.sampling), range(self.scene.frustum.resolution[1])
         shader = self._shaders[shadows]
         return mean_color(self.scene, self._triangles, shader, [aperture], side, rows)

@@ -45,7 +45,7 @@ from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import OTHER_FIELDS, Recentering, RendererModel
 from xfrustum.scenes.model.images import NOTHING, HogelImage
 
-# Smallest number of claims for a fit of geometry: several for each fitted number, and for the
+# Smallest number of claims for a fit of geometry: several for each parameter, and for the
 # orientation and the order.
 MIN_FITTED_CLAIMS = 100
 
@@ -401,7 +401,7 @@ def _best(test: TestSet, fit: GeometryFit) -> GeometryFit:
 def _unfitted(
     test: TestSet, fit: GeometryFit, model: RendererModel, shears: Sequence[Recentering]
 ) -> list[RendererModel]:
-    """Return candidates with fitted conventions and nominal numbers or gross mistakes."""
+    """Return candidates with fitted conventions and nominal parameters or gross mistakes."""
     nominal, tried = test.nominal, [model]
     plain = fit.model.with_parameters(nominal.parameters)
     if plain != fit.model:

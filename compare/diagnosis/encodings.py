@@ -55,7 +55,7 @@ ENCODING_FAULTS = (
     *TRANSFER_FAULTS,
     *(OVERFLOW, RESTARTING, RESAMPLED, LOSSY),
 )
-"""Names of the defects; the last four lose numbers."""
+"""Names of encoding defects; numbers are lost by the last four."""
 
 TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 
@@ -75,7 +75,7 @@ MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
 # Smallest ratio of the misfit of the stated reading to the misfit of a better reading. On a fine
 # mesh even a wrong reading has a small misfit, because most wrong numbers belong to a triangle
-# within a pixel or two. The errors of the correct reading are only rounding.
+# within a pixel or two. The misfit of the correct reading is only rounding.
 MIN_IMPROVEMENT = 4.0
 
 # Smallest share of stored integers that exist in the scene, for a correct reading: one in a hundred
@@ -105,9 +105,9 @@ MIN_MIXED_FRACTION, MIN_VALUES_FACTOR = 0.01, 1.2
 MAX_LOSSY_STEPS = 24
 
 # Smallest number of gray values in a shaded picture; masks and outlines have fewer. Smallest
-# correlation of brightness with the truth; numbers have random correlation. Smallest share of
+# correlation of brightness with the truth; for stored numbers it is random. Smallest share of
 # pixels as bright as the truth at which a picture is read as sRGB. Under the correct reading nearly
-# all pixels are as bright as the truth, under another reading few.
+# all pixels are as bright as the truth, and under another reading few are.
 MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
 
 # Another transfer function is accepted if it reduces the distance between the brightness quantiles

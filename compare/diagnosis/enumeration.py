@@ -102,7 +102,7 @@ MAX_PITCH_DIFFERENCE = 1e-3
 def compositions(test: TestSet, model: RendererModel) -> list[RendererModel]:
     """Return the candidate whose composition agrees best with images, then equally good candidates.
 
-    Defects of composition and numbers that do not improve the explanation are removed.
+    Defects of composition and parameters that do not improve the explanation are removed.
     """
     best, *equals = _best_compositions(
         test.reference, model, [image for image in test.images if shows(image)]

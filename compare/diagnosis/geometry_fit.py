@@ -2,12 +2,12 @@
 
 A claim (`testset.PixelClaims`) states that a pixel of a file shows a triangle. Whatever hides it, a
 triangle is shown only where it projects. Conventions and geometry can therefore be determined
-without visibility: under the correct candidate model every claim holds; under a wrong
-candidate many claims fail, each by a distance in pixels. First, the discrete conventions with the
-smallest mean failure are selected. Then the numbers of `drawn_model.GROUPS` are fitted by robust
-least squares. As few groups as possible deviate from their nominal values; other sets with the same
-number of groups are alternatives if they fit equally well. Last, each number gets an interval: all
-values under which no claim fails by more than the rounding of drawing.
+without visibility: under the correct candidate model every claim holds; under a wrong candidate
+many claims fail, each by a distance in pixels. First, the discrete conventions with the smallest
+mean failure are selected. Then the parameters of `drawn_model.GROUPS` are fitted by robust least
+squares. As few groups as possible deviate from their nominal values; other sets with the same
+number of groups are alternatives if they fit equally well. Last, each parameter gets an interval:
+all values under which no claim fails by more than the rounding of drawing.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ NOISE_FACTOR = 2.0
 # hogels are left out: a rule that fewer than half of the hogels follow is not a convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
-# Groups that are fitted first, because their numbers are fewer and better conditioned. Largest
+# Groups that are fitted first, because their parameters are fewer and better conditioned. Largest
 # number of groups that may deviate from nominal together: with more groups the fit follows noise.
 USUAL_GROUPS, MAX_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS), 4
 
@@ -91,8 +91,8 @@ CORNER_PITCHES = 0.01
 # The fit is accurate to a fraction of a pixel, so that edges farther away are not limiting.
 NEIGHBORHOOD_PX = 0.5
 
-# Displacement of outlines, in pixels, above which a number counts as unbounded. Displacement to
-# which the solver limits numbers, far above the displacement by any bounded number.
+# Displacement of outlines, in pixels, above which a parameter counts as unbounded. Displacement to
+# which the solver limits parameters, far above the displacement by any bounded parameter.
 UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
 
 # Displacement of outlines by a step, in pixels, below which it is noise of finite differences. The
@@ -106,8 +106,8 @@ UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 
 # Starting points, of which `MAX_STARTS` are fitted. Near offsets, as fractions of the reach, and
 # the fraction with which wrong shears are tried; smaller offsets move pictures less. Scales of the
-# scene; larger scales look like the last. Extents of the film, for angles confused with half
-# angles. Heights of the screen.
+# scene; larger scales look like the last. Ratios of the film's extent, for angles mistaken for half
+# angles. Ratios of the screen's height.
 START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist()), 0.03, 4
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
 
@@ -124,7 +124,7 @@ class GeometryFit:
     """Candidate model fitted to claims, with intervals and alternatives."""
 
     model: RendererModel  #: simplest candidate under which the claims hold
-    #: (P,) ends of the intervals of the numbers; the nominal value for a number that was not fitted
+    #: (P,) ends of the intervals of the parameters; the nominal value if a parameter was not fitted
     low: Floats
     high: Floats
     #: largest failure of a claim, without the worst share `MAX_MISPLACED_FRACTION` of the claims
@@ -135,7 +135,7 @@ class GeometryFit:
 
     @classmethod
     def exact(cls, model: RendererModel) -> GeometryFit:
-        """Return a candidate with exact numbers."""
+        """Return a candidate with exact parameters."""
         return cls(model=model, low=model.parameters, high=model.parameters)
 
     @property
@@ -144,7 +144,7 @@ class GeometryFit:
         return self.noise_px <= MAX_NOISE_PX
 
     def unbounded(self, nominal: RendererModel) -> GeometryFit:
-        """Return the candidate without the intervals of numbers that deviate from nominal."""
+        """Return the candidate without the intervals of parameters that deviate from nominal."""
         values, stated = self.model.parameters, nominal.parameters
         unknown = np.where(values == stated, stated, np.nan)
         return replace(self, low=unknown, high=unknown)
@@ -156,8 +156,8 @@ def fit_geometry(
     """Find the simplest conventions and geometry under which claims of several hogels hold.
 
     A single hogel does not determine order and pitch. `nominal` is the model of the renderer
-    according to its author. A `simple` fit has at most a lens and one group of numbers off nominal.
-    If no such candidate holds, the simple fit is nominal.
+    according to its author. In a `simple` fit, at most a lens and one group of parameters deviate
+    from nominal. If no such candidate holds, the simple fit is nominal.
     """
     search = _Search(scene=claims.scene, nominal=nominal)
     some, spoiled = claims.thinned(MAX_FITTED_CLAIMS), frozenset[tuple[int, int]]()
@@ -178,7 +178,7 @@ def fit_geometry(
             alone = [start for start in starts if start.one_camera is not None]
             fits = search.joint(some, freest, alone)
         result = fits or result
-    # Step 4: an interval for each number that is off nominal.
+    # Step 4: an interval for each parameter that is off nominal.
     (best, free), *others = result
     noise, bounding = _noise(some, best), claims.thinned(MAX_BOUNDING_CLAIMS)
     values, low, high = _interval(bounding, best, _determined(claims.scene, free), noise)
@@ -196,7 +196,7 @@ def _determined(scene: Scene, groups: Sequence[str]) -> list[int]:
     """Return the indices of the parameters of `groups` that can be determined from images.
 
     Along an axis with a single pixel, images do not show the position of an outline on the film, so
-    that the numbers of this axis are held fixed.
+    that the parameters of this axis are held fixed.
     """
     held = {axis for axis, count in zip("xy", scene.frustum.resolution, strict=True) if count == 1}
     return [place for place in places(*groups) if NUMBERS[place][1] not in held]
@@ -268,7 +268,7 @@ class _Search:
         return tuple(group for group in GROUPS if group not in unseen)
 
     def starts(self, claims: PixelClaims) -> list[RendererModel]:
-        """Return starting points of fits: conventions and numbers with the smallest failures."""
+        """Return starting points of fits: conventions and parameters with the smallest failures."""
         frustum, nominal = self.scene.frustum, self.nominal
         cap, several = frustum.resolution[0] / 2, len(np.unique(claims.hogel, axis=0)) > 1
         nears = list(
@@ -381,7 +381,7 @@ class _Search:
         return self.simplest(claims, [best], range(2), NOISE_FACTOR * SNAP_PX)
 
     def freest(self, claims: PixelClaims, starts: Sequence[RendererModel]) -> RendererModel:
-        """Return the best candidate with all groups fitted, after the well-conditioned groups."""
+        """Return the best fit of all groups, started from fits of the well-conditioned groups."""
         groups = self.groups(claims, together=True)
         fits: list[RendererModel] = []
         for free in (tuple(name for name in groups if name in USUAL_GROUPS), groups):
@@ -460,7 +460,7 @@ class _Search:
     def _rank(
         self, claims: PixelClaims, model: RendererModel, free: tuple[str, ...]
     ) -> tuple[float, ...]:
-        """Return the sort key of a candidate: fewest numbers first, then by preference."""
+        """Return the sort key of a candidate: fewest parameters first, then by preference."""
         off = np.abs(model.parameters - self.nominal.parameters) > smallest_named(self.scene)
         names = ("pivot", "fit", "recentering", "one_camera")
         choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)
@@ -530,8 +530,8 @@ def _interval(
     if not free or not len(claims):
         return values, low, high
     # Step 1: the distances that can bound the fit, and their derivatives with respect to all
-    # variable numbers, by finite differences. An invisible near offset varies too, without its own
-    # interval.
+    # variable parameters, by finite differences. An invisible near offset varies too, without an
+    # interval of its own.
     allowed = SNAP_PX + noise_px
     distance, outside = inside_px(claims, model)
     camera, number = np.argmin(outside, axis=0), np.arange(len(claims))
@@ -548,7 +548,7 @@ def _interval(
         there, _ = inside_px(claims, model.with_parameters(moved))
         slopes[:, column] = there[rows] - distance[rows]
     kept = np.isfinite(slopes).all(axis=1)
-    # Step 2: distance + slopes . x >= -allowed, with x in steps, and each number within its bounds.
+    # Step 2: distance + slopes . x >= -allowed, with x in steps, and each parameter within bounds.
     box = np.stack(
         [(end[moving] - values[moving]) / steps for end in (numbers.low, numbers.high)], axis=1
     )
@@ -556,10 +556,10 @@ def _interval(
         box[-1, 1] = UNSEEN_NEAR_PER_REACH * claims.scene.frustum.longest_reach / steps[-1]
         # Surfaces in the plate itself move by any distance, not in proportion to the offset.
         kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
-    # Step 3: the smallest and the largest value of each number in the cell. Numbers are scaled to
-    # the largest displacement of an outline, in pixels. With unscaled columns of 1e-8 and 1e-5 px
-    # per step, and no bounds, the solver failed, and printed a message into the JSON on standard
-    # output.
+    # Step 3: the smallest and the largest value of each parameter in the cell. Parameters are
+    # scaled to the largest displacement of an outline, in pixels. With unscaled columns of 1e-8 and
+    # 1e-5 px per step, and no bounds, the solver failed, and printed a message into the JSON on
+    # standard output.
     known = np.where(np.abs(slopes[kept]) < SMALLEST_SLOPE_PX, 0.0, slopes[kept])
     largest = np.abs(known).max(axis=0, initial=0.0)
     largest[largest == 0] = 1.0

@@ -34,8 +34,8 @@ from xfrustum.scenes.model.images import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 # Reference pixels per image pixel along each side, with interpolation between them. Ratio of the
-# width of the reference's picture to the film: a wider field of view needs surfaces outside the
-# film.
+# width of the reference's picture to the width of the film: a wider field of view needs surfaces
+# outside the film.
 SUPERSAMPLING, PICTURE_FILMS = 8, 1.25
 
 # Confidence of the intervals, which are estimated from the spread over hogels. Smallest number of
@@ -140,7 +140,7 @@ def register(
     # Step 4: shift and field of view, first with blurred outlines, which attract each other, then
     # with sharp outlines.
     best = _closest(pairs, _least(pairs, _least([pair.blurred() for pair in pairs], _start(pairs))))
-    # Step 5: intervals. The four fitted numbers are the first four parameters. A number is nominal
+    # Step 5: intervals. The four fitted parameters are the first four. A parameter is nominal
     # if its interval contains the nominal value.
     half, values = _uncertainty(pairs, best), nominal.parameters
     fit.low[:4], fit.high[:4] = best - half, best + half

@@ -1,4 +1,4 @@
-"""Judgment of foreign hogel images; `xfrustum.compare.run` judges our own rasterizer's.
+"""Judgment of foreign hogel images; `xfrustum.compare.run` judges images of our own rasterizer.
 
 | module | holds |
 | --- | --- |

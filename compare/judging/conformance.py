@@ -134,7 +134,7 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
 
     Raises ValueError, TypeError or LookupError for other arrays.
     """
-    # Types and shapes as in `stored`: an equal digest then means equal arrays.
+    # Use the types and shapes of `stored`: an equal digest then means equal arrays.
     triangle = arrays["triangle"].astype(np.int32).reshape(camera.resolution[::-1])
     color = arrays.get("color")
     return HogelImage(

@@ -76,7 +76,7 @@ in half of the range, 2 x 4/128, or 6 %, differ by less than `MIN_EDGE_CONTRAST`
 """
 
 MIN_SHADING_RATIO = 2.0
-"""Smallest ratio of unexplained brightness variation, wrong composition over right one."""
+"""Smallest ratio of unexplained variations of brightness: wrong to right composition."""
 
 COMPOSITIONS: tuple[dict[str, Any], ...] = (
     {"front": Front.MISSING},
@@ -93,7 +93,7 @@ class MeasuredBy(StrEnum):
     """Means by which a displacement was measured."""
 
     POINTS = "surface points"
-    """Surface point of each pixel, else the pixel's triangle, at the point drawn nearest to it."""
+    """Surface point of each pixel, else the point of its triangle that is drawn nearest to it."""
     OUTLINES = "registration of outlines"
     NO_OUTLINES = "no outlines"
     """Too few outlines to register: only colors are judged, by wrong pixels."""
@@ -150,8 +150,8 @@ def _moved_outlines(scene: Scene, seen: _Compared) -> tuple[Spread | None, Measu
         expected, shown = steps_of(answer.object), steps_of(image.object)
     else:
         expected, shown = steps_of(answer.covered), steps_of(covered_by(image))
-    # Colors have an outline where their contrast is an edge; labels and true outlines have one at
-    # every step.
+    # Between colors, a step counts as an outline if its contrast is an edge; between labels, and in
+    # true outlines, every step counts.
     edge = MIN_EDGE_CONTRAST if by == "color" else 0.0
     count = sum(int((some > edge).sum()) for some in expected)
     # An image that is judged by outlines may have another shading than the truth, and cannot be
@@ -536,7 +536,7 @@ def wrong_surfaces(
     """Return the pixels that show the wrong surface: see `xfrustum.compare.error_maps`.
 
     A point belongs outside the film if its own camera draws it beyond the border. It is hidden if
-    its own camera's line meets another surface first, or if it lies behind the plate and the answer
+    its own camera's line meets another surface first, or if it lies behind the plate and `answer`
     shows a surface before the plate where the point is drawn. A triangle that neither camera draws
     anywhere shows no point, and is wrong. If the image itself states points (`placed`), they must
     also lie on a surface.
@@ -566,7 +566,7 @@ def wrong_surfaces(
             behind = reference.hidden_from(bundle, points)
             if side != 1:
                 return behind
-            # A surface before the plate, where the answer shows it, covers all that C draws there.
+            # A surface before the plate, where `answer` shows it, covers all that C draws there.
             place = question.project(scene, aperture, points.position)
             width, height = answer.camera.resolution
             on_film: Mask = np.all((place > -0.5) & (place < (width - 0.5, height - 0.5)), axis=1)

@@ -23,10 +23,10 @@ from xfrustum.scenes.model.scene import Scene
 # Largest displacement that is searched, along each axis: 17 by 17 displacements are tried.
 MAX_DISPLACEMENT_PX = 8
 
-# Smallest number of steps for a measurement of displacement. A peak is false if half of the steps
-# are on edges by chance, at a wrong displacement. If one step in five of a picture is an edge, the
-# binomial distribution predicts 0.75 false peaks among the 289 displacements with 20 steps, and
-# 0.006 with 40.
+# Smallest number of steps for a measurement of displacement. A false peak arises if, at a wrong
+# displacement, half of the steps are on edges by chance. If one step in five of a picture is an
+# edge, the binomial distribution predicts 0.75 false peaks among the 289 displacements with 20
+# steps, and 0.006 with 40.
 MIN_STEPS = 40
 
 # Largest number of steps that are evaluated. The contrast of one step is between 0 and a cap, so
@@ -43,9 +43,9 @@ MIN_PEAK_RATIO = 1.3
 
 # Smallest ratio to the peak at which another displacement counts as equal, as along a straight
 # outline; the smallest of equal displacements is used. Rounding to 8 bits moves the contrast of one
-# step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of the cap; the mean of
-# `MIN_STEPS` steps has 0.25 %. The largest and the smallest contrast of 17 displacements along an
-# outline then differ by 3.6 standard deviations, 0.9 %, on the average. Twice that is allowed.
+# step by 1/255 at most, with a standard deviation of 1/255/sqrt(6), 1.6 % of the cap; for the
+# mean of `MIN_STEPS` steps it is 0.25 %. The largest and the smallest contrast of 17 displacements
+# along an outline then differ by 3.6 standard deviations, 0.9 %, on average. Twice that is allowed.
 EQUAL_PEAK_RATIO = 0.98
 
 # Distance from a true outline within which a picture must have an edge; otherwise the outline is
@@ -58,7 +58,7 @@ OUTLINE_TOLERANCE_PX = 1
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
 Steps = tuple[Floats, Floats]
-"""Quantity between neighboring pixels: (H, W - 1) of columns and (H - 1, W) of rows."""
+"""Quantity between neighboring pixels: (H, W - 1) along rows and (H - 1, W) along columns."""
 
 
 def steps_of(values: NDArray[np.generic]) -> Steps:

@@ -124,7 +124,7 @@ INVALID, MISSING = "claims of what does not exist", "missing outlines"
 """Codes of figures with a limit, in addition to `HogelNumbers.limited_figure`."""
 
 MAX_INVALID_SHARE = 0.5
-"""Largest share of claims that name triangles or objects that do not exist, for all limits."""
+"""Largest share of pixels that name triangles or objects which the scene does not have."""
 
 
 class Outcome(StrEnum):
@@ -183,8 +183,8 @@ class Limits:
 
         Shares are of the shown pixels, so that empty film does not dilute them. A single wrong
         pixel does not count as a share, unless the limit is 0. Displacement is not required of an
-        image that shows nothing. If the truth has no outline that could appear displaced, it is not
-        required of colors either, and other images are not judged.
+        image that shows nothing. If the truth has no outline that could appear displaced,
+        displacement is not required of colors either, and other images are not judged.
         """
         numbers, checks = figures.numbers, list[Check]()
 
@@ -239,7 +239,7 @@ class Hogel:
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
     places: Places | None = None  #: places of its wrong pixels before correction
-    left: int = 0  #: wrong pixels that remain after correction, without those by rounding
+    left: int = 0  #: wrong pixels that remain after correction, not counting rounding
     mended: bool = True  #: whether the image is right after correction
     storage: str | None = None  #: file format that changed the pixels, such as "JPEG, lossy"
 

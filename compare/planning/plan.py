@@ -108,7 +108,7 @@ class PlateResult:
     sampled: int = 0
     #: hogels of the last sample beyond the tolerance
     beyond: int = 0
-    #: hogels of the last sample that show nothing and are not beyond
+    #: hogels of the last sample that show nothing and are not beyond the tolerance
     empty: int = 0
     #: hogel with the largest excess; None if there is no plan
     worst: HogelResult | None = None
@@ -375,7 +375,7 @@ class PlatePlanner:
         return results
 
     def _measured(self, made: Plan, chosen: PlateViews, sample: Sequence[HogelResult]) -> Plan:
-        """Return a plan with its measures at its views and at a sample of all other hogels."""
+        """Return a plan with its errors measured at its views and at a sample of other hogels."""
         assert made.settings is not None
         views, sheets, device = measured(chosen.views, made.settings, self.requirement, self.done)
         limit, hogels = self.requirement.tolerance_px, math.prod(self.reference.scene.plate.hogels)

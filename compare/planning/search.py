@@ -73,7 +73,7 @@ class Attempt:
     predicted: Quality
     #: ratio of errors that grow with near
     near_excess: float
-    #: larger ratio of two: pixels wrong by depth, and separation
+    #: larger of two ratios: of pixels wrong by depth, and of separation
     depth_excess: float
 
     @property
@@ -88,7 +88,7 @@ class Attempt:
 
     @property
     def missing(self) -> float:
-        """Excess, or the excess of a sufficient margin if that is larger."""
+        """Excess, but at least the excess at a sufficient margin."""
         return max(self.excess, 1 / ENOUGH_MARGIN)
 
     @property

@@ -165,7 +165,7 @@ class Views:
         return worst
 
     def traced_errors(self, settings: DoubleFrustum) -> tuple[float, float]:
-        """Return the worst displacement (px) and wrong share with cameras without rounding."""
+        """Return the worst displacement (px) and wrong share of cameras without rounding."""
         moved, wrong = [0.0], [0.0]
         for view in self.views:
             model = self.reference.trace_model(view.aperture, settings)

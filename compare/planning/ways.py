@@ -3,7 +3,7 @@
 With two cameras, the time of a hogel is the same on every plate. A pass by directions processes the
 vertices once for all hogels, so that passes are faster above some number of hogels
 (`WaySpeeds.crossover`). Lines of a direction have no near plane, so that no surface is displaced,
-and wrong surfaces are only at edges that snapping moves.
+and wrong surfaces appear only at edges that snapping moves.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate import Aperture, DepthFormat, DoubleFrustum, Frustum, Plate, PlateTile
 
 #: Hogels along the longer side of two plates whose passes are timed: with few hogels, vertices take
-#: most of the time; with many, hogels do.
+#: most of the time; with many hogels, their pixels do.
 FEW_HOGELS, MANY_HOGELS = 64, 512
-#: Numbers of passes, and of hogels, that are timed together: enough for several submissions.
+#: Numbers of passes, and of hogels, that are timed together: several submissions to the GPU.
 TIMED_PASSES, TIMED_HOGELS = 8, 32
 #: Number of timings of each quantity; the smallest is used, because other load only adds time.
 TIMINGS = 4

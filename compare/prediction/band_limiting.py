@@ -12,7 +12,7 @@ change of color across the blur: the contrast of an edge.
 For m x m points in rows and columns, D = 1/(2 m). The points of `sampling.sub_apertures`, only few
 of which lie on one line, have a smaller D from about 1,000 points on. In the mean over a pixel's
 area an edge is a ramp, at least one pixel wide. A blur of b pixels, summed over both axes, changes
-this mean by at most V b/8. If b < 1, the error of the points counts only in a share b of the pixel.
+this mean by at most V b/8. If b < 1, the error of the points affects only a share b of the pixel.
 """
 
 import math

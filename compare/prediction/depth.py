@@ -348,7 +348,7 @@ def _chance(
 ) -> Floats:
     """Return the probability that each surface of one slab is wrong, (settings, N)."""
     # Lost: the depth, with the error of one surface, is within half a step of the clear value. The
-    # buffer of C is cleared to its far value, the buffer of C* to its near value.
+    # buffer of C is cleared to its far value, and the buffer of C* is cleared to its near value.
     nearest_wins = slab.camera is Camera.C
     w, clear = surfaces.distance + slab.step, slab.far if nearest_wins else slab.near
     kinds = [(surfaces.gap, _COIN)]
@@ -388,8 +388,8 @@ def _chance(
             # matters.
             sharp = (error < MAX_SHARP_ERROR * step) & (ends != _COIN) & (STEP[depth] > 0)
             if sharp.any():
-                # C keeps the smaller depth and C* the larger one, or the reverse where the mapping
-                # falls.
+                # C keeps the smaller depth, and C* keeps the larger depth; a falling mapping
+                # exchanges the two.
                 falls = (mapping is DepthMapping.REVERSED) == nearest_wins
                 place = stored_depth(own[close[sharp]], slab.near, slab.far, mapping)[0]
                 last = 1 / STEP[depth] - 1  # the largest stored number, which represents 1

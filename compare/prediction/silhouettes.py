@@ -397,8 +397,8 @@ def _swept(steps: Contours, low: Floats, high: Floats) -> Floats:
     # Spans are clipped to the film's diagonal, beyond which nothing is counted.
     farthest = float(np.hypot(width, height))
     low, high = (np.clip(side, -farthest, farthest) for side in (low, high))
-    # Spans are cut into pieces no longer than a pixel; `step` is the span of a piece, `number` its
-    # position in the span.
+    # Spans are cut into pieces no longer than a pixel; `step` is the span of a piece, and `number`
+    # is the position of the piece in its span.
     count = np.ceil(np.maximum(high - low, 0)).astype(np.int64)
     step = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)

@@ -47,9 +47,9 @@ _LABELS = {
 
 @dataclass(frozen=True, order=True)
 class Orientation:
-    """Correct position of a stored cell: exchange column and row, then reverse either.
+    """Map from stored cells to correct positions: exchange column and row, then reverse either.
 
-    After the exchange, `flip_x` counts columns from the right, and `flip_y` rows from the
+    After the exchange, `flip_x` counts columns from the right, and `flip_y` counts rows from the
     bottom.
     """
 

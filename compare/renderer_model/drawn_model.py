@@ -60,7 +60,7 @@ GROUPS: dict[str, tuple[str, Kind]] = {
     "screen-center": ("xy", Kind.SCREEN),
     "screen-height": ("", Kind.SIZE),
 }
-"""Axes and kind of each group of numbers, in the order of `RendererModel.parameters`."""
+"""Axes and kind of each group of parameters, in the order of `RendererModel.parameters`."""
 
 SCREEN_GROUPS = ("screen-center", "screen-height")  #: groups that exist only in recentered frusta
 CAMERA_GROUPS = ("shift", "fov", "near")  #: groups that may be wrong in one camera only
@@ -207,7 +207,7 @@ FLIPPED = tuple(
     for side in (-1, 1)
     for x, y in ((True, True), (True, False), (False, True))
 )
-"""Cameras with a mirrored film, C* turned by 180 degrees first."""
+"""Single cameras with a mirrored film; the first is C* with a film turned by 180 degrees."""
 
 
 class Film(StrEnum):

@@ -16,7 +16,7 @@ exact cameras show (docs/method.md, "The error budget"):
 A pixel with none of these causes is unexplained: one of the programs has a bug. The classifier does
 not depend on settings or on models of renderers. Its input is cameras:
 `xfrustum.compare.attribution` makes the cameras of our rasterizer, and
-`xfrustum.compare.judging.judged` the cameras of other renderers.
+`xfrustum.compare.judging.judged` makes the cameras of other renderers.
 
 **Images by direction** have one camera and no near offset. A drawn image by direction differs from
 the truth only by rounding: vertices snap to subpixels in the plate's plane, and depth is quantized,

@@ -27,8 +27,8 @@ from xfrustum.scenes.plate import DepthFormat, DepthMapping
 CUT_ROUNDINGS = 8
 """Roundings of 2^-24 in the plane of a clipped triangle, relative to the largest term.
 
-Four in the clip coordinate, one each for the division by w, the viewport, and the two steps of
-the plane equation along x and y.
+There are four in the clip coordinate, and one each for the division by w, for the viewport, and for
+the two steps of the plane equation along x and y.
 """
 
 GRADIENT_ROUNDINGS = 5
@@ -45,9 +45,10 @@ PLANE_ROUNDINGS = 11
 
 They are relative to the value and to its rise from the corner of the film.
 
-Four are in a corner's position in pixels (a quotient, two products, a sum). Extrapolating the plane
-to the film's corner adds four (two products, two sums), and evaluating it at the pixel adds three
-(two products, a sum). Renderers that evaluate the plane from a corner of the triangle have fewer.
+Four of them are in a corner's position in pixels (a quotient, two products, a sum). Extrapolating
+the plane to the film's corner adds four (two products, two sums), and evaluating it at the pixel
+adds three (two products, a sum). Renderers that evaluate the plane from a corner of the triangle
+have fewer.
 """
 
 

@@ -133,10 +133,10 @@ def _may_be_between(
 ) -> Mask:
     """Return the pixels (N,) at which s of parallel lines may lie between two ends (T,) each.
 
-    `along` holds s of the corners and its error bounds, `edges` the edge functions (3, N) and their
-    bounds. The weight of a corner is the function of the opposite edge divided by the volume, so
-    that s - end has the sign of sum((s_k - end) E_k). Float32 changes each factor of this sum, and
-    snapping changes the sum as a whole.
+    `along` holds s of the corners and its error bounds, and `edges` holds the edge functions (3, N)
+    and their bounds. The weight of a corner is the function of the opposite edge divided by the
+    volume, so that s - end has the sign of sum((s_k - end) E_k). Float32 changes each factor of
+    this sum, and snapping changes the sum as a whole.
     """
     film, (sides, shifts) = shown.film, edges
     turn = shown.each(np.sign(film.volume))

@@ -157,8 +157,8 @@ CLIPPED_VERTEX_ROUNDINGS = 16
 """Error bound of a float32 clip coordinate, in roundings of 2^-24 of its sum of absolute terms.
 
 One is in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up
-to three planes (near and two sides) makes new vertices with three more for each plane: 9. One is a
-reserve.
+to three planes (near and two sides) makes new vertices with three more for each plane: 9. The
+last is a reserve.
 """
 
 
@@ -288,7 +288,7 @@ class PixelTriangles:
     ) -> PixelTriangles:
         """Select the triangles of a scene (F, 3, 3) that each camera may have drawn.
 
-        `number` (P,) are triangle numbers, and `pixels` (P,) the pixels that show them. `slots`
+        `number` (P,) are triangle numbers, and `pixels` (P,) are the pixels that show them. `slots`
         (N,) are the selected pairs: k P + p is pixel p drawn by camera k. Every selected triangle
         exists in the scene.
         """

@@ -52,7 +52,7 @@ class FirstSurfaces:
 
 
 class Certifier:
-    """Computes the first surfaces along the lines of one image, with certainty."""
+    """Computation of the first surfaces along the lines of one image, with certainty."""
 
     def __init__(self, triangles: Triangles, bundle: RayBundle | PixelLines) -> None:
         self.bundle = bundle
@@ -149,8 +149,8 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
 class _Groups:
     """Ambiguous pairs grouped by pixel, each triangle once per pixel.
 
-    `starts` (G,) are the indices of the first pair of each pixel, and `sizes` (G,) the numbers of
-    pairs.
+    `starts` (G,) are the indices of the first pair of each pixel, and `sizes` (G,) are the numbers
+    of pairs.
     """
 
     pairs: Pairs

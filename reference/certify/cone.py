@@ -150,8 +150,8 @@ class Viewpoint:
 class Planes:
     """Planes of triangles: n, not normalized, and q_0 . n, with rounding bounds.
 
-    `magnitude` are the sums of absolute products in n. `offset` is q_0 . n, and `bound` the bound
-    of its rounding error.
+    `magnitude` are the sums of absolute products in n. `offset` is q_0 . n, and `bound` bounds its
+    rounding error.
     """
 
     normal: list[Any]
@@ -197,9 +197,9 @@ class Planes:
 class Cones:
     """Triangles seen from the center of a ray bundle.
 
-    `edges` are q_i x q_j of the edges 01, 12 and 20, `magnitudes` the sums of absolute products in
-    them. `within` is true if the whole triangle certainly lies in the range of the lines, and
-    `holds` if the center lies in the closed triangle.
+    `edges` are q_i x q_j of the edges 01, 12 and 20, and `magnitudes` are the sums of absolute
+    products in them. `within` is true if the whole triangle certainly lies in the range of the
+    lines, and `holds` is true if the center lies in the closed triangle.
     """
 
     edges: list[list[Any]]

@@ -112,8 +112,8 @@ class Occlusion:
     def _off_planes(self, points: SurfacePoints, pairs: Candidates) -> tuple[Mask, Mask]:
         """Return masks of points certainly off the triangles' planes, and certainly not off them.
 
-        A point P is off a plane if its distance exceeds its tolerance t: |(p_0 - P) . n| > t
-        |n|.
+        A point P is off a plane if it is farther away than its tolerance t:
+        |(p_0 - P) . n| > t |n|.
         """
         with recording():
             position = vectors_on_device(points.position[pairs.ray])

@@ -40,7 +40,7 @@ def locate(mesh: ExactMesh, points: Floats) -> Indices:
     up[:, 2] = 1.0
     ends = np.tile([0.0, np.inf], (len(inside), 1))
     pairs = mesh.candidates(RayBatch(origins=inside, directions=up, ends=ends))
-    # The ray crosses a certain hit in its interior, above the point, before and after the move.
+    # At a certain hit, the ray crosses the triangle's interior before and after the point's move.
     crossings = np.bincount(pairs.ray[pairs.sure], minlength=len(inside))
     doubtful = pairs[~pairs.sure]
     on, crossed = crossings_above(mesh.triangles[doubtful.triangle], inside[doubtful.ray])
@@ -210,7 +210,7 @@ class ExactIntersector:
         Returns
         -------
         tuple
-            Numbers of triangles (K,), of rays (K,), and on request points (K, 3).
+            Numbers of triangles (K,), numbers of rays (K,), and on request the points (K, 3).
         """
         rays = _checked_rays(ray_origins, ray_directions, **within)
         each_place = self._scale_to_box is not None

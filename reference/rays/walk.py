@@ -41,7 +41,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Singles
 RADIUS = 3
 
 #: Smallest share of clusters that a round must merge; else neighbors are merged pairwise. If areas
-#: decrease along the curve, every cluster chooses the next and hardly any would merge.
+#: decrease along the curve, every cluster chooses the next, and hardly any clusters merge.
 MIN_SHARE = 1 / 8
 
 #: bits of each coordinate in a Morton code
