@@ -55,7 +55,7 @@ def chance(pixels: float, together: float = 0.0) -> Reason | None:
 
     The number of independent pixels has the variance `pixels` (Poisson). Pixels along an edge in a
     row or column are not independent, and add the variance `together`. The factor of 3 is required
-    of predictions whose relative variance is at most that of `MIN_PIXELS` independent pixels.
+    of predictions with at most the relative variance of `MIN_PIXELS` independent pixels.
     """
     if pixels > 0 and pixels**2 >= MIN_PIXELS * (pixels + together):
         return None
