@@ -98,7 +98,7 @@ def test_displacement_is_scouted_to_a_factor_of_two_and_grows_with_small_nears(
         assert moved == pytest.approx(look.pixels_per_near * 1e-6, rel=1e-4)
 
 
-def test_sides_are_counted_apart_and_an_empty_film_has_no_displacement(
+def test_sides_are_counted_separately_and_an_empty_film_has_no_displacement(
     scouted: PlateScan,
 ) -> None:
     far = scouted.farthest(Camera.C)

@@ -28,7 +28,7 @@ SINGLE = float(np.finfo(np.float32).eps)
 roundings.
 """
 REAL = 1e-9
-"""Relative tolerance of reals in answers: sums of 10^6 doubles err by at most 10^6 2^-53."""
+"""Relative tolerance of reals in answers: sums of 10^6 doubles err by at most 10^6 * 2^-53."""
 FLIP = 1e-5
 """Relative tolerance of means of FLIP. Its library sums filters in float32, with tens of terms
 each, in an order that depends on the processor.

@@ -57,7 +57,7 @@ def small(scene: Scene) -> Scene:
 
 
 def apertures(scene: Scene) -> list[Aperture]:
-    """Return the middle aperture, the top left one, and one in an odd place between them."""
+    """Return the middle aperture, the top left one, and an arbitrary one between them."""
     columns, rows = scene.plate.hogels
     places = dict.fromkeys([(columns // 2, rows // 2), (0, 0), (columns // 5, (2 * rows) // 3)])
     return [scene.plate.aperture(column, row) for column, row in places]

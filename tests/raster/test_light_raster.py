@@ -38,8 +38,8 @@ RESOLUTION = (160, 120)
 ONE_CODE = 1 / 255
 
 #: Largest error of nearly all pixels: attributes are float32 plane equations over up to 160 pixels,
-#: with an error of about 160 2^-23 of their range; textures and highlights change up to eight times
-#: as fast as attributes
+#: with an error of about 160 * 2^-23 of their range; textures and highlights change up to eight
+#: times as fast as attributes
 INTERPOLATED = 8 * 160 * 2.0**-23
 
 DRESSED = ("asymmetric", "asymmetric-recentered", "car", "crossing", "large-triangles")

@@ -59,7 +59,7 @@ def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
 
 
 def test_lookups_stay_inside_a_picture_at_any_place() -> None:
-    """NaN places, as in pixels without a surface, must not index memory."""
+    """NaN coordinates, as in pixels without a surface, must not index memory."""
     random = np.random.default_rng(2)
     pictures = tuple(
         random.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4))

@@ -27,7 +27,7 @@ def color(scene: Scene, sampling: Sampling | None = None) -> Singles:
     return Reference(scene).trace(MIDDLE, sampling).color
 
 
-def test_multisampling_is_answered_with_the_mean_over_the_same_box() -> None:
+def test_multisampling_is_replaced_by_the_mean_over_the_same_box() -> None:
     scene = dressed_scene("asymmetric-recentered", (16, 12))
     box = color(scene, Sampling(supersample=BOX_SIDE))
     np.testing.assert_array_equal(color(scene, Sampling(multisample=4)), box)

@@ -192,7 +192,7 @@ def devices_of(session: ToySession, number: int) -> tuple[str | None, str | None
 def test_processes_draw_and_trace_on_the_devices_of_their_engine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """CUDA numbers cards in another order; only machines with cards can test EGL's numbers."""
+    """CUDA numbers GPUs in another order; only machines with GPUs can test EGL's numbers."""
     monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
     monkeypatch.delenv(CUDA_VARIABLE, raising=False)
     monkeypatch.setattr(blocks, "_gpus", lambda: (2,))

@@ -41,7 +41,7 @@ def cut(polygon: Floats) -> list[Floats]:
 
 
 def _ear(flat: list[Point], left: list[int]) -> int:
-    """Return the place of a corner without area or, if there is none, of an ear."""
+    """Return the index in `left` of a corner without area or, if there is none, of an ear."""
     for empty in (True, False):
         for place in range(len(left)):
             before, here, after = (flat[left[(place + k) % len(left)]] for k in (-1, 0, 1))

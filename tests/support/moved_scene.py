@@ -90,7 +90,7 @@ def _moved(
 
 
 def _cut(triangles: Floats, origin: Indices, height: float) -> tuple[Floats, Indices]:
-    """Return triangles split in three at a height, and their source numbers."""
+    """Return triangles split in three at a height, and the original number of each part."""
     above = triangles[..., 2] - height
     crossing: Mask = (above.max(axis=1, initial=0.0) > 0) & (above.min(axis=1, initial=0.0) < 0)
     if not crossing.any():

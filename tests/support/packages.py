@@ -17,7 +17,7 @@ _START = (
 
 
 def zipped(parts: Mapping[str, str]) -> bytes:
-    """Return a reproducible zip archive of texts."""
+    """Return a reproducible zip archive of text files."""
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in parts.items():

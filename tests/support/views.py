@@ -61,7 +61,7 @@ def soup(triangles: Floats, frustum: Frustum, size: float = 16.0) -> Scene:
 
 
 def at(x: float, y: float) -> Aperture:
-    """Return an aperture at any place; its index has no meaning."""
+    """Return an aperture at any position; its index has no meaning."""
     return Aperture(column=0, row=0, x=x, y=y)
 
 

@@ -16,7 +16,7 @@ COLOR = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """Wrong shares of the worst hogel, relative to pixels with a surface in truth or picture."""
+    """Wrong pixels in the worst hogel, relative to pixels with a surface in truth or picture."""
 
     different: float
     """Share of pixels with any difference (colors: beyond rounding)."""

@@ -186,7 +186,7 @@ def gamma(right: Picture) -> Picture:
 
 
 def noisy(world: World, i: int, j: int, encoding: str) -> Picture:
-    """Add noise to colors; replace a third of the numbers by random numbers."""
+    """Add noise to colors; replace a third of the ids by random ids."""
     right, chance = picture(world, i, j, encoding), np.random.default_rng(97 * i + j)
     if encoding == RGB:
         return np.clip(right + chance.normal(0, 25, right.shape), 0, 255).astype(np.uint8)

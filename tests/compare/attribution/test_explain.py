@@ -105,7 +105,7 @@ class TestNegativeControls:
     def test_an_image_shifted_by_one_pixel(self, case: Case, axis: int) -> None:
         case.assert_unexplained(pictured(case.drawn, lambda a: np.roll(a, 1, axis)))
 
-    def test_with_four_subpixel_bits_all_but_what_lies_beside_edges_by_chance(
+    def test_with_four_subpixel_bits_only_pixels_beside_edges_are_explained(
         self, case: Case
     ) -> None:
         """With 4 subpixel bits, edges may move 2^-4.5 px: under 90 % of pixels stay unexplained.
@@ -234,7 +234,7 @@ def test_backs_of_open_meshes_are_charged_to_culling_and_counted_by_a_comparison
     ("depth", "mapping"),
     [(DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapping.GL)],
 )
-def test_rounding_explains_all_that_culled_cameras_draw_otherwise(
+def test_rounding_explains_all_differences_of_culled_cameras(
     depth: DepthFormat, mapping: DepthMapping
 ) -> None:
     """Use loose triangles in all orientations around the plate, many of them nearly edge-on."""

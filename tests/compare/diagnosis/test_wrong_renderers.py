@@ -82,7 +82,7 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     for finding in outcome.findings:
         assert finding.explains is not None, f"{finding.name} does not say what it explains"
         assert finding.explains >= MUST_EXPLAIN, f"{finding.name} is printed as a reason"
-    # Lost triangle numbers are restored from the truth if one damage explains the stored numbers.
+    # Lost triangle numbers are restored from the truth if one kind of damage explains the images.
     if outcome.findings and outcome.whole:
         left = outcome.residual
         assert left <= (1 - MUST_EXPLAIN) * outcome.wrong, (

@@ -22,7 +22,7 @@ from xfrustum.scenes.plate import Fit
 REACH = 12.0
 WIDTH = 64
 
-#: Largest rounding difference of two film places, relative to the place: about twenty roundings of
+#: Largest rounding difference of two film positions, relative to them: about twenty roundings of
 #: 1e-16, enlarged at most 1e4 times by differences of nearly equal lengths
 ROUNDING_PX = 1e-9
 
@@ -54,7 +54,7 @@ SETTINGS = st.builds(
 def drawn_places(
     point: Floats, frustum: Frustum, aperture: Aperture, how: DoubleFrustum
 ) -> tuple[Floats, Floats]:
-    """Return a point's film place from the reference's lines and from the raster's matrices."""
+    """Return a point's film position from the reference's lines and the raster's matrices."""
     height = float(point[0, 2])
     lines = [
         camera.bundle

@@ -69,7 +69,7 @@ def test_a_stream_has_the_numbers_of_each_hogel_judged_alone(name: str) -> None:
 
 
 @pytest.mark.parametrize("broken", ["draw", "trace", "aperture", "compare"])
-def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
+def test_an_exception_of_any_thread_reaches_the_caller_and_ends_all_threads(
     broken: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = view("asymmetric", (16, 16))

@@ -89,7 +89,7 @@ SCENES = [name for name in (*builtin.names(), *SHARED_SCENES) if name != "crossi
 def test_a_plan_holds_when_it_is_measured(
     name: str, size: tuple[int, int] | None, choices: tuple[DepthBuffer, ...]
 ) -> None:
-    """Plan at the scene's own resolution; recentered, at a corner too.
+    """Plan at the scene's own resolution, and for recentered frusta also at a corner.
 
     Without cuts, a depth buffer of 16 bits is too coarse for all scenes but the empty scene.
     """
@@ -322,7 +322,7 @@ def test_a_separation_that_no_float_resolves_leaves_no_plan() -> None:
 
 
 @pytest.mark.slow
-def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
+def test_the_cheapest_sufficient_depth_buffer_is_chosen() -> None:
     views = views_of("car")
     best = Search(views, Requirement()).best().best
     assert (best.settings.depth, best.settings.mapping) == (DepthFormat.D24, DepthMapping.REVERSED)

@@ -57,7 +57,7 @@ def test_spread_pixels_reach_every_quarter_of_the_film(resolution: tuple[int, in
         assert len(np.unique(4 * places // size)) == min(4, size)
 
 
-def test_speeds_are_measured_and_scenes_around_the_screen_refused() -> None:
+def test_speeds_are_measured_and_scenes_around_the_screen_are_refused() -> None:
     content = PlateContent(ids=True)
     settings = [DoubleFrustum(near=1.0), DoubleFrustum(near=0.1, slabs=(20.0,))]
     times = measure_plate(small("asymmetric"), settings, content)

@@ -134,7 +134,7 @@ def test_auto_is_the_number_that_check_recommends(tmp_path: Path, command: Comma
     assert 1 < count <= 256
     plate = f"plate {file} --near 0.02 --apertures 4,4 --quiet --out {out} --aperture-samples auto"
     assert f"auto: {count} points" in command(plate).err
-    # A tolerance as a share of the radiance needs fewer points.
+    # A tolerance relative to the radiance needs fewer points.
     trace = f"trace {file} --out {out}.exr --aperture-samples"
     fewer = needed_sub_apertures(open_scene(file), error=0.05)
     assert f"5%: {fewer} points" in command(f"{trace} 5%").err

@@ -102,7 +102,7 @@ def misordered(settings: DoubleFrustum, height: float, separation: float) -> lis
 def test_smallest_ordered_separation_is_as_predicted(
     near: float, height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """At twice the predicted separation at most 1 % is misordered; at half of it, more than 1 %."""
+    """At most 1 % of the pixels are misordered at twice the predicted separation, more at half."""
     settings = DoubleFrustum(near=near, depth=depth, mapping=mapping)
     distance = predicted(settings, height)
     assert max(misordered(settings, height, FACTOR * distance)) <= MAX_MISORDERED_FRACTION
@@ -198,7 +198,7 @@ def test_a_sheet_at_a_cut_is_drawn_by_the_slab_that_does_not_lose_it(height: flo
 
 
 def test_lost_surfaces_are_near_the_clear_value_of_their_camera() -> None:
-    """C clears to far, where hyperbolic depth is dense; C* to near, where no surface is visible."""
+    """C clears to far, where depths are dense; C* clears to near, where no surface is visible."""
     starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
     for mapping in (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED):
         settings = replace(starved, mapping=mapping)

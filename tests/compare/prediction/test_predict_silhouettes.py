@@ -74,7 +74,7 @@ def scene_of(*parts: SceneObject) -> Scene:
 
 
 def on_film(points: Floats, height: float) -> Floats:
-    """Return the points at a height that the true frustum images at film places (N, 2)."""
+    """Return the points at a height that the true frustum images at film positions (N, 2)."""
     xy = -height * SLOPE * np.asarray(points)
     return np.concatenate((xy, np.full((len(xy), 1), height)), axis=1)
 

@@ -12,7 +12,7 @@ from xfrustum.scenes.arrays import Floats
 SIZE = 128
 STRAIGHT = (0.0, 0.0)
 ROUNDING_PX = 2e-9
-"""Largest difference of places, px: far above a dozen roundings of a few hundred pixels."""
+"""Largest difference of film positions, px: far above a dozen roundings of some 100 pixels."""
 
 
 def bundle(side: int, near: float = 0.1) -> RayBundle:
@@ -28,7 +28,7 @@ def bundle(side: int, near: float = 0.1) -> RayBundle:
 
 
 def seen_at(places: Floats, s: Floats, lines: RayBundle) -> Floats:
-    """Return the points (N, 3) at distances s that an unsheared camera images at places (N, 2)."""
+    """Return points (N, 3) at distances s that an unsheared camera images at positions (N, 2)."""
     u, v = places[:, 0] * 2 / SIZE - 1, 1 - places[:, 1] * 2 / SIZE
     d = np.stack((u + lines.shear[0], v + lines.shear[1], -np.ones(len(s))), axis=1)
     return np.asarray(lines.center) + s[:, None] * d

@@ -1,4 +1,4 @@
-"""Images by direction with OpenGL: true except for snapping in the plate; controls that fail."""
+"""Images by direction with OpenGL are true except for snapping; wrong directions are detected."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -25,7 +25,7 @@ from xfrustum.scenes.arrays import Floats
 @examples(100)
 @given(problems())
 def test_surfaces_are_those_of_rationals_in_order(problem: Problem) -> None:
-    """First surfaces with ties, and all surfaces with the order of their places."""
+    """Compare first surfaces with ties, and all surfaces with the order of their hits."""
     mesh, rays = ExactMesh.from_triangles(problem.triangles), problem.rays
     first, hits = mesh.first(rays), mesh.all(rays)
     for ray in range(len(rays)):
@@ -50,7 +50,7 @@ def test_surfaces_are_those_of_rationals_in_order(problem: Problem) -> None:
             assert abs(first.t[ray] - t) <= bound
 
 
-def test_answers_are_alike_without_proposals_of_embree() -> None:
+def test_results_are_equal_without_proposals_of_embree() -> None:
     """A mesh uses Embree's proposals as soon as it has traced more rays than it has triangles."""
     rng = np.random.default_rng(4)
     ball = trimesh.creation.icosphere(subdivisions=1)

@@ -137,7 +137,7 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert any(row["pareto"] for row in printed["rows"])
     assert [answer["tolerance_px"] for answer in printed["answers"]] == pytest.approx([0.5, 0.1])
     page = (tmp_path / "index.html").read_text()
-    # The answer precedes the first figure.
+    # The recommendation precedes the plot.
     words = printed["answers"][0]["sentence"].split(":")[0].split(".")[0]
     assert words in page[: page.index('id="plot"')]
     assert json.loads((tmp_path / "cost.json").read_text()) == printed

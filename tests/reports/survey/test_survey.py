@@ -1,4 +1,4 @@
-"""Surveys of small plates: rows, answers, pages, and resumption."""
+"""Surveys of small plates: rows, JSON objects, pages, and resumption."""
 
 import json
 import shutil

@@ -62,7 +62,7 @@ def test_both_readers_agree(path: Path) -> None:
     [(plain, twin) for plain, names in TWINS.items() for twin in names.split()],
 )
 def test_twins_have_equal_triangles(plain: str, feature: str) -> None:
-    """The product reads the plain file, the second reader the other; above they agree on each."""
+    """The product reads one file, the second reader reads its twin; above, they agree on each."""
     reading, triangles = read(INPUTS / feature), product_triangles(INPUTS / plain)
     # One file may store a number in float32 that the other states exactly.
     reading.rounding += 2.0**-24 * float(np.abs(triangles).max())

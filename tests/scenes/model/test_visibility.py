@@ -82,14 +82,14 @@ def scene_object(corners: object) -> SceneObject:
 @FRUSTA
 @pytest.mark.parametrize("size", [0.3, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_surfaces_of_the_truth_are_in_view(frustum: Frustum, size: float) -> None:
-    """Many visible objects appear in the image, so that the test is not trivial."""
+    """Many triangles in view appear in their own images, so that the test is not trivial."""
     scene = soup(triangles(5, 60, size), frustum)
     shown, claimed = set(), set()
     for index in ((8, 8), (0, 0), (15, 3)):
         aperture = scene.plate.aperture(*index)
         here = ((aperture.x, aperture.x), (aperture.y, aperture.y))
         region = Region(frustum=frustum, apertures=here, reach=frustum.reach)
-        # Use each triangle alone: in view means visible if nothing occluded it.
+        # Trace each triangle in view alone: other triangles would hide some.
         for number, corners in enumerate(scene.triangles):
             part = scene_object(corners)
             if region.shows(part):
@@ -125,7 +125,7 @@ def test_apertures_that_may_draw_something_are_counted_with_none_left_out(frustu
 
 
 def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> None:
-    """At 10 behind the plate, a field of 2 atan(1/2) extends 5 aside: apertures within 6 see it."""
+    """At depth 10, a field of 2 atan(1/2) extends 5 to each side: apertures within 6 see it."""
     angle = 2 * math.atan(0.5)
     frustum = Frustum(resolution=(64, 64), reach=(20.0, 20.0), fov=(angle, angle))
     plate = Plate(size=(21.0, 21.0), hogels=(21, 21))
