@@ -399,7 +399,7 @@ MAX_CHAIN_PIXELS = 1 << 22
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceChange:
-    """Change of linear radiance over a link or the whole chain; None for a mean over no pixels."""
+    """Change of linear radiance over a link or the whole chain; fields without pixels are None."""
 
     #: mean, rms and max: over all judged pixels
     mean: float | None

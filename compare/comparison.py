@@ -181,7 +181,7 @@ class LeftOut:
     """Effect of shadows and interreflection on an image."""
 
     numbers: LeftOutNumbers
-    #: the truth with the effects minus the truth without; `samples` is the number of one truth
+    #: the truth with the effects minus the truth without; `samples` counts the samples of one
     difference: RadianceEstimate
     #: the truth without the effects, (H, W, 3)
     without: Floats

@@ -135,7 +135,7 @@ class Measured:
 
     @cached_property
     def viewport(self) -> dict[str, int]:
-        """Number of wrong pixels by way of rounding corners to the grid, with its best tie rule."""
+        """Number of wrong pixels for each rounding of corners to the grid, by its best tie rule."""
         return {name: min(self._differs(self.subpixel_bits, name).values()) for name in ROUNDED}
 
     @cached_property

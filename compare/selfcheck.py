@@ -442,7 +442,7 @@ def default_names() -> list[str]:
 
 
 def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
-    """Yield name, scene and aperture of each checked image; integers limit the images' size."""
+    """Yield name, scene and aperture of each checked image; sizes suit integer arithmetic."""
     case = hard_cases.CASES.get(name)
     if case is not None and case.giant:
         raise InputError(

@@ -91,7 +91,7 @@ def _pixels_on_axis(
 
 
 def _on_axis(axis: int, number: int) -> tuple[int, int]:
-    """Return one hogel of a column (axis 0) or row, whose hogels have equal film along the axis."""
+    """Return one hogel of a column (axis 0) or row, whose hogels have equal films on the axis."""
     return (number, 0) if axis == 0 else (0, number)
 
 
@@ -175,7 +175,7 @@ class EyeReference:
             points = eye.pupil_points
             for point in points:
                 rays = eye_bundle(self.scene, eye, point)
-                # The center of the pupil determines surfaces, and all of its points average color.
+                # Surfaces are seen from the pupil's center; color is the mean over all its points.
                 seen = decided if len(points) == 1 else self._decided(rays)
                 places = np.asarray(rays.center) + seen.s[..., None] * rays.directions()
                 color += self._shader.picture(seen.triangle, places, rays.directions()) / len(

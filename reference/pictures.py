@@ -399,7 +399,7 @@ def converged(
     ]
     sums, count, more = [np.zeros(())] * SCRAMBLINGS, 0, FIRST_POINTS
     while True:
-        # Doubling keeps all points so far, because they are the beginning of a Sobol sequence.
+        # Doubling keeps all points so far, because a longer Sobol sequence begins with them.
         for index, engine in enumerate(engines):
             points = _spread(plate, aperture, engine.random(more))
             sums[index] = sums[index] + more * mean(points)

@@ -55,7 +55,7 @@ ENCODING_FAULTS = (
     *TRANSFER_FAULTS,
     *(OVERFLOW, RESTARTING, RESAMPLED, LOSSY),
 )
-"""Names of encoding defects; numbers are lost by the last four."""
+"""Names of encoding defects; under the last four, numbers are lost."""
 
 TRUE = RendererModel()  #: the renderer that draws the true crossed frustum
 

@@ -207,7 +207,7 @@ class Requirement:
     tolerance_px: float = TOLERANCE_PX
     #: whether displacement and wrong surfaces limit near; otherwise only eyes do
     pixels_count: bool = True
-    #: distance at which sheets must be ordered, scene units; None: `SEPARATION_PER_REACH` reaches
+    #: separation of ordered sheets, scene units; None for `SEPARATION_PER_REACH` of the reach
     separation: float | None = None
     #: largest share of judged pixels that are wrong by depth
     max_wrong: float = MAX_DEPTH_WRONG

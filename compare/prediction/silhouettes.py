@@ -58,7 +58,7 @@ CONTOUR_SIGMA_PX = 1.5
 
 #: Two neighboring points form an occlusion if their distances from each other's tangent planes are
 #: at least this many spacings of neighboring lines. Two points of a surface with one crease between
-#: them are at most one spacing off the plane of the face that its line meets less steeply; if the
+#: them are at most one spacing off the plane of the face that their lines meet less steeply; if the
 #: surface bends twice, they are at most two spacings off. A closer occlusion is missed, with
 #: negligible effect: the displacements of the two surfaces differ by at most 4 t / W of their size.
 MIN_OCCLUSION_SPACINGS = 2

@@ -1,6 +1,6 @@
 """Model of a foreign renderer: conventions, geometry, and composition of its cameras.
 
-The default of every parameter is its correct value. Parameters that tend to be wrong together form
+The default of every field is its correct value. Parameters that tend to be wrong together form
 a group. A new group needs a row in `GROUPS`, a field of the same name in `RendererModel`, an effect
 on the lines in `RendererModel.bundle`, and a sentence in `reports.verification.words`.
 """
