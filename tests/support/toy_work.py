@@ -28,7 +28,7 @@ class ToyRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ToyJob(Job):
-    """Blocks of a row each; `deadly` blocks kill so many processes; block `bad` raises."""
+    """Blocks of a row each; `deadly` counts process deaths by block; block `bad` raises."""
 
     parts: ParquetParts
     seconds: float = 0.0
