@@ -20,7 +20,7 @@ from xfrustum.scenes.model.device_model import H100, DeviceModel, safe_model
 
 
 def names_at_hand(version: int = context.OLDEST_VERSION) -> dict[str, str]:
-    """Return the names of the device in use."""
+    """Return vendor, renderer, version and subpixel bits of the device in use."""
     with context.open_context(version) as opened:
         names = context.describe(opened)
     opened.release()

@@ -84,7 +84,7 @@ def test_vertices_in_the_plate_count_last_and_vertices_out_of_reach_do_not_count
 def test_displacement_is_scouted_to_a_factor_of_two_and_grows_with_small_nears(
     scouted: PlateScan,
 ) -> None:
-    """The closed form agrees between coarse film and full film."""
+    """The closed form gives about the same on the coarse film and on the full film."""
     scene, settings = scouted.scene, DoubleFrustum(near=0.01)
     reference = Reference(scene)
     for look in scouted.worst(3, settings):

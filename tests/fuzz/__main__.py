@@ -68,7 +68,7 @@ def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[
 
 
 def entries() -> list[Path]:
-    """Return the paths of the corpus; a file name is seed, finding and hash, separated by dots."""
+    """Return the paths of the corpus; a file name joins seed, finding and hash with dots."""
     return sorted(path for path in CORPUS.iterdir() if path.name.count(".") == 2)
 
 

@@ -92,7 +92,7 @@ def resident_mib() -> float:
 )
 @pytest.mark.slow
 def test_changing_formats_and_closed_rasterizers_do_not_grow_the_process() -> None:
-    """A leaked target of this size has 5 MiB: 225 of them would fill a gigabyte."""
+    """A leaked render target of this size has 5 MiB: 225 of them would fill a gigabyte."""
     scene = view("asymmetric", (512, 512))
 
     def draw(rasterizers: int, images: int) -> None:

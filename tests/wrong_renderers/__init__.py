@@ -9,6 +9,6 @@
 | `differences` | how wrong a picture really is, by brute force |
 | `outcomes` | result of `xfrustum verify` for each, and the table of all |
 
-`python -m tests.wrong_renderers` prints the table, and how many were named; `--group` takes a part
-of it.
+`python -m tests.wrong_renderers` prints the table, and the number of named causes; `--group`
+selects a part of it.
 """

@@ -94,7 +94,7 @@ class Finding:
     words: str
 
     def tells(self, size: float | str) -> bool:
-        """True if the finding has a size: within 2 % and in its interval, or as a word."""
+        """True if the finding states this size: within 2 % and in its interval, or as a word."""
         if isinstance(size, str):
             return size == self.value or size in self.words
         low, high = (size if end is None else end for end in self.interval)

@@ -20,7 +20,7 @@ SETTINGS = reversed_d32f(1.5e-4)
 
 RIGHT_SURFACE = 2e-3
 """Largest share of wrong pixels in a right picture, from near-plane error and silhouettes."""
-SEEN = 0.05  #: least share of pixels that a wrong axis changes; about 0.3 show a surface
+SEEN = 0.05  #: smallest share of pixels that a wrong axis changes; about 0.3 of all show a surface
 
 Picture = Callable[[NDArray[Any]], NDArray[Any]]
 

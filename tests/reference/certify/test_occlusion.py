@@ -101,7 +101,7 @@ def test_surfaces_closer_than_float32_resolves_hide_each_other() -> None:
     bundle, xy = crossed_frustum(FRUSTUM, at(0.0, 0.0)), np.indices((5, 5)).reshape(2, -1).T / 2 - 1
     for own in (0, 1):
         position = np.insert(xy, 2, corners[own, 0, 2], axis=1)
-        # The tolerance of each point now exceeds the distance of the sheets: it lies on both.
+        # With a tolerance above the distance between the sheets, each point lies on both.
         for tolerance, is_hidden in ((gap / 4, own == 1), (4 * gap, False)):
             points = surface_points(position, own, tolerance)
             assert (hidden(corners, bundle, points, FRUSTUM) == is_hidden).all()

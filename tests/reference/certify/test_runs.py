@@ -15,7 +15,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 
 
 def shown(points: Floats, bundle: RayBundle) -> Mask:
-    """Return which points (N, 3) lie on the film and in the range of a bundle."""
+    """Return the mask of points (N, 3) that lie on the film and in the range of a bundle."""
     x, y, z = points.T
     s = bundle.center[2] - z
     width, height = bundle.resolution

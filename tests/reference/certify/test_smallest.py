@@ -93,7 +93,7 @@ def test_the_truth_is_that_of_fractions_whatever_the_sizes(
 
 @pytest.mark.parametrize("size", [1e-76, 1e-106, 5e-324])
 def test_smaller_coordinates_are_refused_even_among_larger_ones(size: float) -> None:
-    """Products of three underflow at 1e-106: 522 of 16,384 pixels and 1,752 ties were wrong."""
+    """Cubes underflow at 1e-106: 522 of 16,384 pixels and 1,752 ties were once wrong."""
     near = np.array([[(-1.0, -1.0, -1.0), (2.0, -1.0, -1.0), (0.0, 2.0, -1.0)]])
     for triangles in (size * near, np.concatenate([size * near, near])):
         with pytest.raises(

@@ -65,7 +65,7 @@ def expected_pixel(
 ) -> tuple[int, int, int, int] | None:
     """Return the hogel and the pixel that a ray meets, in rational numbers; None if none.
 
-    Rays meet the plate at the centers of equal cells, shares (`right`, `down`) of its size.
+    Rays meet the plate at the centers of equal cells, at fractions (`right`, `down`) of its size.
     """
     right, down = (
         Fraction(2 * number + 1, 2 * count)
