@@ -1,7 +1,7 @@
 """The site's configuration: `make docs` builds it without a network, and every warning is an error.
 
-The folder of sources is the checkout, so that links between pages are those that readers of the
-files follow; `include_patterns` chooses the pages.
+The folder of sources is the checkout, so that links between pages also work for readers of the
+files; `include_patterns` chooses the pages.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import os
 import sys
 from pathlib import Path
 
-# Matplotlib and others must not look for a display, and a build must not depend on who looks.
+# Use OpenGL without a display, so that a build does not depend on the display of a user.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE / "_extensions"))
 
-import pictures  # noqa: E402 - out of the folder above
+import pictures  # noqa: E402 - from the folder added above
 
 import xfrustum  # noqa: E402
 
@@ -43,8 +43,8 @@ extensions = [
 ]
 templates_path = [
     str(HERE / "_templates")
-]  # autosummary looks from the folder of sources, all else from here
-suppress_warnings = ["config.cache"]  # the gallery's settings hold functions, which cannot be kept
+]  # absolute, because autosummary resolves paths from the folder of sources
+suppress_warnings = ["config.cache"]  # settings of the gallery hold functions: not cacheable
 
 # Pages in Markdown.
 myst_heading_anchors = 3
@@ -67,7 +67,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_memory": False,
-    "write_computation_times": False,  # their page would fetch scripts from other hosts
+    "write_computation_times": False,  # the page of times would fetch scripts from other hosts
     "show_signature": False,
     "remove_config_comments": True,
     "abort_on_example_error": False,
@@ -80,7 +80,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"xfrustum {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_extra_path = ["_static/index.html"]  # leads from the folder's own index to the first page
+html_extra_path = ["_static/index.html"]  # redirects the folder's index.html to the first page
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

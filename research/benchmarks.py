@@ -42,7 +42,7 @@ from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.images import ColorType, PlateContent
 from xfrustum.scenes.plate import PlateTile
 
-#: The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types
+#: The JSON object of a benchmark, or a part of it; `json_ready` converts it to JSON's types
 Record = dict[str, Any]
 
 #: near offset of all drawn images, as a fraction of the reach
@@ -210,7 +210,7 @@ def benchmark_truth(
     *,
     progress: bool = False,
 ) -> Record:
-    """Measure the certified truth of a middle aperture and bare tracers, for square films.
+    """Measure rates of the certified truth and of bare tracers, at one aperture of square films.
 
     InputError if the scene has no triangles.
     """
@@ -278,7 +278,7 @@ JUDGE_RATIOS = [("stream", name) for name in JUDGE_MEANINGS if name != "stream"]
 
 
 def default_scenes() -> tuple[str, ...]:
-    """Return the built-in car and, with the folder of test data, its car body."""
+    """Return the built-in car and, if the folder of test data exists, its car body."""
     body = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "beetle.toml"
     return ("car", str(body)) if body.exists() else ("car",)
 

@@ -1,7 +1,7 @@
 """Scenes that differ only in depth: the same picture on the film, from shallow to deep.
 
-For C*, objects are reflected through the aperture. This moves no point on the film, but C shows the
-surface nearest to the aperture along a line, and C* the farthest.
+For C*, objects are reflected through the aperture. This moves no point on the film, but along a
+line C shows the surface nearest to the aperture, and C* shows the farthest surface.
 """
 
 import math
@@ -79,7 +79,7 @@ def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle:
 
 
 def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
-    """Return `cars` behind the plate, sheared so that a recentered frustum shows their picture.
+    """Return `cars` behind the plate, sheared so that a recentered frustum shows the same picture.
 
     The screen lies among the cars, at `balanced_height`; the aperture lies over the screen's corner
     (`SHEAR_PER_SLOPE`).
@@ -133,7 +133,7 @@ def car_through_plate(
     )
     points = starts[:, :2] + share[:, None] * (ends - starts)[:, :2]
     # A triangle crosses the plate along a segment between two of its edges. The largest x of these
-    # segments in the row is the outermost one.
+    # segments in the row is the outermost crossing.
     low, high = points[crosses].reshape(-1, 2, 2).transpose(1, 0, 2)
     across = (low[:, 1] < y) != (high[:, 1] < y)
     low, step = low[across], (high - low)[across]
@@ -157,7 +157,7 @@ def car_through_plate(
 
 
 def empty_scene(resolution: tuple[int, int]) -> Scene:
-    """Return plate and frustum of the family without objects; `resolution` is W, H of the film."""
+    """Return a scene of the family without objects; `resolution` is W, H of the film."""
     return _scene("empty", resolution, [])
 
 
@@ -191,7 +191,7 @@ def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -
         places, np.geomspace(1.0, CAR_RATIO / ratio, len(places)).tolist(), strict=True
     ):
         # Find the shift that centers the car's picture on its place. Depths of a car differ by half
-        # at most, so that each step leaves less than half of the distance.
+        # at most, so that each step more than halves the remaining distance.
         shift, middle = np.zeros(3), np.array(at) * math.tan(_FOV / 2) / 2
         for _ in range(60):
             seen = (corners[:, :2] + shift[:2]) / -corners[:, 2:]

@@ -34,7 +34,7 @@ USUAL_DISTANCE = 600.0
 #: acuity
 SEEN_ARCSEC = 1.0
 
-#: Number of replayed pixels. If one pixel is wrong by depth, the exact bound of Clopper and Pearson
+#: Number of replayed pixels. If only one is wrong by depth, the exact bound of Clopper and Pearson
 #: at 95 % is at most `tolerances.MAX_DEPTH_WRONG`, 0.1 %. If no pixel is wrong, 2,995 pixels would
 #: suffice.
 PIXELS = 4742
@@ -91,7 +91,7 @@ class Replay:
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Replay, Cell):
-    """A cell with its answers; lengths in millimeters."""
+    """A cell with its results; lengths in millimeters."""
 
     #: largest change of disparity between two visible points
     stereo_arcsec: float
@@ -105,7 +105,7 @@ class Row(Replay, Cell):
     #: smallest separation at these surfaces that both the viewer and the display resolve
     resolved_separation: float
     resolved_by: str
-    #: p99 of displacement, pixels; None if surfaces pass through the aperture
+    #: p99 of displacement at the median and at the worst aperture, pixels; None if infinite
     pixels_median: float | None
     pixels_worst: float | None
     #: share of apertures whose displacement exceeds `TOLERANCE_PX`
@@ -339,7 +339,7 @@ def rule_near(distance: float) -> float:
 
 
 def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
-    """Return the near at which an increasing field reaches its limit, interpolated in logarithms.
+    """Return the near at which an increasing field reaches its limit, interpolating logarithms.
 
     None if the smallest near already exceeds the limit, infinite if the largest near does not.
     """
@@ -392,7 +392,7 @@ def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
 
 
 def disagreement(rows: Sequence[Row]) -> dict[str, int]:
-    """Count settings beyond the limit of pixels, of eyes, of both or of neither, by formula."""
+    """Count settings beyond the limit of pixels, of eyes, of both or of neither, in closed form."""
     own = {(r.scene, r.pivot, r.pitch, r.distance, r.near): r for r in rows}.values()
     seen = [
         (row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen)

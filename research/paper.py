@@ -43,8 +43,8 @@ from xfrustum.scenes.library.objects import studio
 from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.representation import LEVELS, encoded
 
-#: Numbers of apertures around the middle of the plate: drawn as a plate, and drawn one by one, with
-#: antialiasing and without. Drawing one by one takes longer.
+#: Numbers of apertures around the middle of the plate: apertures drawn as a plate, and apertures
+#: drawn one by one, with and without antialiasing. Drawing one by one takes longer.
 COLUMNS, ANTIALIASED_COLUMNS = 12, 4
 
 #: Measured antialiasing, with the largest number of coverage samples of Mesa's software renderer.
@@ -247,8 +247,8 @@ def mirrored(car: TessellatedCar) -> Scene:
 
 
 #: Default near offset, share of the reach. Points farther than a percent of the reach from the
-#: plate are displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth
-#: buffer resolves 2^-24 of any distance, however small the near plane.
+#: plate are displaced by less than 1e-4 W/2, 0.03 px at W = 512; and a reversed float depth buffer
+#: resolves 2^-24 of any depth, however small near is.
 NEAR_PER_REACH = 1e-6
 
 LATTICE = (
@@ -257,7 +257,7 @@ LATTICE = (
 
 _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
-#: Names of the pictures of C*: as the camera sees it, and of another aperture.
+#: Names of the pictures of C*: as the camera sees it, and from another aperture.
 _AS_SEEN, _OTHER = "c-star-as-seen", "c-star-other"
 #: Names of the written files; the other aperture's exists only where the plate has one.
 FILES = (
@@ -267,7 +267,7 @@ FILES = (
 
 
 def default_settings(scene: Scene, near: float | None) -> DoubleFrustum:
-    """Return settings in which neither near plane nor depth buffer shows."""
+    """Return settings with which neither near offset nor depth buffer has a visible effect."""
     near = NEAR_PER_REACH * scene.frustum.longest_reach if near is None else near
     return DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
@@ -275,10 +275,10 @@ def default_settings(scene: Scene, near: float | None) -> DoubleFrustum:
 def write_figure(
     scene: Scene, aperture: Aperture, settings: DoubleFrustum, other: Aperture | None, out: Path
 ) -> tuple[Path, ...]:
-    """Draw C alone, C* alone and both of an aperture, and C* of another; write the page.
+    """Draw C, C* and both at one aperture, and C* at another aperture; write the page.
 
-    `other` is the aperture of the second perspective of C*; where None the aperture of a coarse
-    lattice over the plate from which C* shows most, if the plate has another one. InputError if
+    `other` is the aperture of the second perspective of C*. If it is None, an aperture of a coarse
+    lattice over the plate is chosen: the other aperture at which C* shows most. InputError if
     near is not smaller than the reach, the aperture sees nothing of the objects, there is no usable
     OpenGL, or the folder cannot be written.
     """
@@ -334,8 +334,8 @@ def write_figure(
 def picture(image: HogelImage, *, as_seen: bool = False) -> bytes:
     """Encode the color image as PNG: clipped, sRGB, 8 bits; transparent where there is no surface.
 
-    An image lies on the film. As C* sees it, which looks from the plate back at the viewer with +y
-    upward and so with +x to its left, the sides are the same, and up and down change places.
+    An image lies on the film. C* looks from the plate back at the viewer, with +y up and therefore
+    +x to its left: its own view has the same left and right, but top and bottom are exchanged.
     """
     assert image.color is not None
     color = np.rint(LEVELS * encoded(image.color))

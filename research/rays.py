@@ -44,7 +44,7 @@ class Exhibit:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Number of rays, and of wrong answers of each contestant; None for a missing contestant."""
+    """Number of rays, and of wrong results of each contestant; None for a missing contestant."""
 
     name: str
     reports: str
@@ -125,7 +125,7 @@ def exhibits() -> list[Exhibit]:
 
 
 def museum() -> list[Verdict]:
-    """Return the wrong answers of each contestant at each exhibit."""
+    """Return the number of wrong results of each contestant at each exhibit."""
     return [_judged(exhibit) for exhibit in exhibits()]
 
 
@@ -183,7 +183,7 @@ def _misses(first: Indices | Numbers, right: list[list[list[int]]]) -> int:
 
 
 def _scene(mesh: trimesh.Trimesh) -> Scene:
-    # Plate and frustum play no part for a tracer.
+    # A tracer uses neither plate nor frustum.
     return Scene(
         name="museum",
         plate=Plate(size=(1.0, 1.0), hogels=(1, 1)),

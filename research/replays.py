@@ -34,7 +34,7 @@ class Replayed:
     #: largest difference of the changes of disparity of two points, or of one and the plate's
     #: border, from the 1st to the 99th percentile; None if no point is in both views
     disparity_change_arcsec: float | None
-    #: share of both eyes' judged pixels with a wrong surface, and share right with exact depth
+    #: shares of both eyes' judged pixels: wrong surfaces; wrong surfaces, right with exact depth
     wrong: float
     depth_wrong: float
     #: number of both eyes' judged pixels
@@ -116,7 +116,7 @@ def disparity_errors(
 
     The eyes differ in x alone; NaN at pixels whose surface point the right eye does not see. The
     error of an eye is the slope along x of the line on which a hogel's pixel shows a point, minus
-    the slope of the point itself, so that neither pitch nor pixels are in it. The error of
+    the slope of the point itself, so that neither pitch nor pixels affect it. The error of
     disparity is the left eye's error minus the right eye's.
     """
     height, bundle = left.eye.position[2], reference.bundle(right.eye)

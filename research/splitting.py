@@ -72,7 +72,7 @@ _LEAST_NEAR, _LARGEST_NEAR = (
 
 
 class Family(StrEnum):
-    """Kinds of scenes; each but the first changes one thing of the first."""
+    """Kinds of scenes; each kind but the first differs from the first in one property."""
 
     # cars on one side of the plate, as the middle aperture of a centered frustum sees them
     ONE_SIDE = "one side"
@@ -337,7 +337,7 @@ def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
 
 
 def _film(sheets: Cell, separation: float) -> SheetFilm:
-    """Return the film of one pair of sheets, which cover it at the far end of a side.
+    """Return a film that one pair of sheets covers, at the far end of a side.
 
     The hidden sheet is drawn first, so that equal depths show it.
     """
@@ -385,7 +385,7 @@ def make_study(
 
 
 def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> list[Row]:
-    """Measure cases for which no near is enough with one cut, two cuts, and so on."""
+    """Measure, with one cut, two cuts and so on, the cases for which no near is enough."""
     measured: list[Row] = []
     # Only cases with the offset are split, because slabs leave no gap at the plate.
     unserved = {case for case, outcome in outcomes(rows).items() if not outcome.nears}
@@ -571,10 +571,10 @@ def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, 
 
 
 def least_near(buffer: DepthBuffer) -> float | None:
-    """Return the smallest near, as a share of the reach, that orders `ASKED_SEPARATION` there.
+    """Return the smallest near, a share of the reach, with which depth orders the far sheets.
 
-    By the closed form with a reach of one: float32 is relatively coarsest just above a power of
-    two. None if even a trillionth of the reach orders the separation.
+    The sheets are `ASKED_SEPARATION` apart. By the closed form with a reach of one: float32 is
+    relatively coarsest just above a power of two. None if even a trillionth of the reach suffices.
     """
 
     def excess(logarithm: float) -> float:
@@ -592,9 +592,10 @@ def agreement(rows: Rows) -> dict[str, float]:
     Measures and closed forms agree for `same` of the `cells`. The others include `in_gaps` cells in
     a gap: a near that is not enough between two nears that are. `lowest` and `highest` are ratios
     of measured to predicted displacement, for predictions of a tenth to ten times the tolerance and
-    without harm by depth. `same_by_rule` cases agree with a rule of thumb: displacement is largest
-    in the film's corner, W / 2 sqrt(2) n / (|z| + n), and stays within the tolerance for n up to
-    about sqrt(2) TOLERANCE_PX |z| / W; one pair is enough if this limit is at least `least_near`.
+    few pixels wrong by depth. `same_by_rule` cases agree with a rule of thumb: displacement is
+    largest in the film's corner, W / 2 sqrt(2) n / (|z| + n), and stays within the tolerance for n
+    up to about sqrt(2) TOLERANCE_PX |z| / W; one pair is enough if this limit is at least
+    `least_near`.
     """
     single, results = [row for row in rows if not row.slabs], outcomes(rows)
     measured = {row.near for row in single}

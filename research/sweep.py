@@ -1,6 +1,6 @@
 """Measurement of a study's cells in blocks, each stored when finished, and study rows as Parquet.
 
-A cell is one question of a study; a block consists of the cells that share the costliest images.
+A cell is one measurement of a study; a block has the cells that share the costliest images.
 The rows of a block are one Parquet file. The name of the file depends on cells and origin. A
 stopped study continues with the blocks whose files are missing.
 """
@@ -147,7 +147,7 @@ class Sweep(Job):
     def rows(
         self, blocks: Sequence[Sequence[Any]], workers: Workers, part: Part, *, progress: bool
     ) -> list[Any] | None:
-        """Measure missing blocks of a part; return all rows, None while other parts miss blocks."""
+        """Measure missing blocks of a part; return all rows, or None while blocks are missing."""
         own = list(part.of(blocks))
         workers.run(self, own, sum(map(len, own)), progress=progress)
         # Other parts of a job array may still be at work.

@@ -37,7 +37,7 @@ RESOLUTION = (64, 64)
 #: number of triangles of the subdivided car, as in the paper's larger database
 TRIANGLES = 272_074
 FINE_CAR = "car of 272,074 triangles"
-#: number of hogels judged by two cameras, spread over the tile that is judged by directions
+#: number of judged hogels drawn by two cameras, spread over the tile that is judged by directions
 JUDGED_HOGELS = 8
 #: content of the timed images: color in the usual type, and triangle numbers
 CONTENT = PlateContent(ids=True)
@@ -45,7 +45,7 @@ CONTENT = PlateContent(ids=True)
 
 @dataclass(frozen=True)
 class Cell:
-    """One question: a way to draw a plate; lengths in shares of the reach."""
+    """One setting: a way to draw a plate; lengths in shares of the reach."""
 
     scene: str
     longest: int  #: hogels along the longer side of the plate
@@ -63,12 +63,12 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Cell):
-    """A cell with its answers."""
+    """A cell with its results."""
 
     hogels: int  #: hogels of the plate
     judged: int  #: number of judged pixels
     surface_fraction: float  #: share of the judged pixels with a wrong surface
-    #: of the worst judged hogel; None by directions, where no near offset displaces a surface
+    #: p99 at the worst judged hogel; None by directions, where no near offset displaces a surface
     displacement_p99_px: float | None
     seconds: float  #: time of the whole plate, extrapolated from a part
     predicted_s: float  #: time predicted from passes over two other plates, timed in turns
@@ -182,7 +182,7 @@ def make_study(
     return write_study(out, "ways", rows, sweep.origin, document, {"ways": svg(rows)})
 
 
-# Answers
+# Results
 # -------------------------------------------------------------------------------------------------
 
 
@@ -240,8 +240,9 @@ def _ratios(rows: Sequence[Row], scene: str, name: str) -> list[tuple[int, float
 def _crossing(ratios: Sequence[tuple[int, float]]) -> float | None:
     """Return the number of hogels at which both ways take the same time; None outside the plates.
 
-    The ratio is W H (pass / N + cell) / hogel: a straight line in 1 / N. Other load on the machine
-    differs between plates and cancels in the ratio.
+    The ratio is W H (pass / N + cell) / hogel, a straight line in 1 / N, with the times of a pass,
+    of each hogel in it, and of a hogel by two cameras. Other load on the machine differs between
+    plates and cancels in the ratio.
     """
     for (fewer, above), (more, below) in pairwise(ratios):
         if above > 1 >= below:

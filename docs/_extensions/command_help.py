@@ -19,7 +19,7 @@ WIDTH = 100
 
 
 def help_of(words: list[str]) -> str:
-    """Return the help of a command, given by its name and that of a command in it."""
+    """Return the help of a command; `words` are its name and, if any, that of a subcommand."""
     command: click.Command = cli
     context = click.Context(
         cli, info_name="xfrustum", terminal_width=WIDTH, max_content_width=WIDTH
@@ -36,7 +36,7 @@ def help_of(words: list[str]) -> str:
 
 
 def all_commands() -> list[list[str]]:
-    """Return the words of all commands by their use, and after each group those in it."""
+    """Return the words of all commands in the order of the help; subcommands follow their group."""
     found: list[list[str]] = []
     context = click.Context(cli)
     for name in cli.list_commands(context):
@@ -46,7 +46,7 @@ def all_commands() -> list[list[str]]:
 
 
 class CommandHelp(SphinxDirective):
-    """The help of one command, or of all."""
+    """Directive that shows the help of one command, or of all commands."""
 
     optional_arguments: ClassVar[int] = 4
 

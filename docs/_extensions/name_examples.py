@@ -1,6 +1,6 @@
-"""Examples of public names, out of docs/api/examples.md, at the end of their docstrings.
+"""Append the examples of docs/api/examples.md to the docstrings of public names.
 
-The page is one program, which a test runs; the pages of the names show its parts.
+The page is one program, which a test runs; the page of each name shows its part.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _add(
 ) -> None:
     """Append the example of a name to its docstring."""
     del app, what, thing, options
-    # |z| means the height's amount, and not the substitution that it would be in reStructuredText.
+    # Escape |z|, an absolute value, which reStructuredText would read as a substitution.
     lines[:] = [re.sub(r"\|(\w+)\|", r"\\|\1\\|", line) for line in lines]
     found = examples().get(name)
     if found is not None and "Examples" not in lines:
@@ -51,6 +51,6 @@ def _add(
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the hook, before that of numpydoc."""
+    """Register the hook, before numpydoc's hook."""
     app.connect("autodoc-process-docstring", _add, priority=100)
     return {"parallel_read_safe": True}

@@ -18,7 +18,7 @@ PLOTLY = "plotly.min.js"
 
 
 def _new(block: tuple[Any, ...], variables: dict[str, Any]) -> list[Any]:
-    """Return pictures and figures that variables hold and that no earlier block showed, in their order."""
+    """Return the pictures and figures in variables that no earlier block showed, in order."""
     del block
     kept = variables["example_globals"].setdefault("__pictures__", [])
     found = []

@@ -72,7 +72,7 @@ int main(int argc, char** argv) {
         std::string kind, corner;
         words >> kind;
         if (kind == "v") {
-            // Not read by >>: in some libraries it refuses numbers as small as 1e-300.
+            // Avoid >>, which refuses numbers as small as 1e-300 in some libraries.
             std::array<double, 3> v;
             for (double& x : v) { words >> corner; x = std::strtod(corner.c_str(), nullptr); }
             vertices.push_back(v);

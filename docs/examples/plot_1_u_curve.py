@@ -30,7 +30,7 @@ buffers = {
 
 # %%
 # An ``Evaluator`` draws an aperture with all settings, traces its truth once, and
-# compares.
+# compares the images.
 
 settings = [
     DoubleFrustum(near=near, depth=depth, mapping=mapping)

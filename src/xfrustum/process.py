@@ -1,8 +1,8 @@
 """The process: Ctrl-C and SIGTERM, messages on standard error, text made safe for a terminal.
 
-A signal is an exception in the main thread, and exit status 130 or 143. Where a library swallows
-the exception, as trimesh does while it imports its own dependencies, a timer raises it again. Code
-that makes something and notes it for removal does both within `delayed`.
+A signal raises an exception in the main thread, and leads to exit status 130 or 143. Where a
+library swallows the exception, as trimesh does while it imports its own dependencies, a timer
+raises it again. Code that makes something and notes it for removal does both within `delayed`.
 """
 
 import re

@@ -1,7 +1,7 @@
-"""Exact rays for any mesh: `mesh.ray = ExactIntersector(mesh)` makes trimesh's answers certain.
+"""Exact rays for any mesh: `mesh.ray = ExactIntersector(mesh)` makes trimesh's ray queries exact.
 
 `ExactIntersector` has the interface of trimesh's own two classes. `first` also returns how certain
-each answer is, as an `xfrustum.scenes.Certainty`, and the triangles of ties; `locate_points`
+each hit is, as an `xfrustum.scenes.Certainty`, and the triangles of ties; `locate_points`
 returns a `Location`.
 """
 

@@ -1,4 +1,4 @@
-"""Judge frames recorded on a graphics card by the suite's rule: python frames.py FRAMES.npz.
+"""Judge frames recorded on a GPU by the suite's rule: python frames.py FRAMES.npz.
 
 The frames are older than the suite, and no case has their films of 192 x 144 pixels. Each frame is
 judged as in L2, with its own near offset and depth buffer. A case without a stated near provides

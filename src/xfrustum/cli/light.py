@@ -22,7 +22,7 @@ _SAMPLES = click.IntRange(1, MAX_SAMPLES)
 def _points(text: str) -> int | float:
     """Return a number of points, or a largest error below one for a share such as 5%."""
     if text.endswith("%"):
-        # A type distinguishes the meanings: a float is an error, an integer a number of points.
+        # The type distinguishes the meanings: a float is an error, an integer a number of points.
         return float(options.BELOW_1.read(str(float(text[:-1]) / 100)))
     return int(options.number(text, int, 1, MAX_SAMPLES + 1))
 

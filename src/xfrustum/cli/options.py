@@ -44,7 +44,7 @@ LIMIT_EXCEEDED = 1
 #: Copy of `xfrustum.reference.TRACERS`, which loads slowly; tests/cli/test_help.py compares them.
 TRACERS = ("embree", "mitsuba")
 
-#: Value by which the program chooses the number of sub-apertures, or the worst apertures.
+#: Option value that lets the program choose the number of sub-apertures, or the worst apertures.
 AUTO = "auto"
 
 
@@ -589,7 +589,7 @@ def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
 
 
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
-    """Refuse apertures that show nothing; warn on standard error of cut and of tiny objects.
+    """Refuse apertures that show nothing; warn of objects that are tiny or cut by the reach.
 
     `black_is_right` is for commands that write a picture: such apertures then cause only a warning
     if another aperture of the plate shows something, or if the scene is a hard case.

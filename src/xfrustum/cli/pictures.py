@@ -205,7 +205,7 @@ def view(request: _Asked) -> None:
         options.note("quilts are encoded in sRGB, as displays expect")
         request.tell(lambda: record, lambda: "\n".join(map(str, files)))
         return
-    # File names depend on the number of eyes and on a renderer.
+    # File names depend on the number of eyes, and on whether there is a renderer.
     options.check_out(out, own.file_names(len(eyes), drawn=source is not None))
     seen = show(eyes)
     files = () if out is None else own.write_view(seen, out)

@@ -161,7 +161,7 @@ def check(request: _Check) -> int:
 
 
 def _eyes(**values: Any) -> dict[str, Any]:
-    """Return the properties of a viewer; InputError if properties are given without a distance."""
+    """Return the properties of a viewer; UsageError if properties are given without a distance."""
     stated = options.present(**values)
     if stated and "viewer" not in stated:
         raise click.UsageError(

@@ -1,7 +1,7 @@
 """`verify`, `camera`, `convert`, `conformance`: other renderers.
 
-Renderers are judged alone or by a frozen suite of cases, which gives a statement to cite. Cameras
-and layouts of plates are written for them.
+Renderers are judged on a scene of the user, or on a frozen suite of cases, whose result is a
+statement to cite. Cameras and layouts of plates are written for them.
 """
 
 from __future__ import annotations
