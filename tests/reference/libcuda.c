@@ -1,7 +1,7 @@
 /* A stand-in for the CUDA driver on machines without a card, for tests/reference/test_cuda.py.
 
-   It has one device, keeps the kernels that it is handed as KERNELS/0000.ptx and so on, and runs none of them.
-   Memory lies on the host and is filled with words of 1; a number that is read by itself is 1. */
+   It has one device, stores the kernels that it receives as KERNELS/0000.ptx and so on, and runs none of them.
+   Memory lies on the host and is filled with words of 1; a single number of 4 bytes is read as 1. */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -53,7 +53,7 @@ int cuMemFree_v2(void *memory) { free(memory); return 0; }
 int cuMemFreeHost(void *memory) { free(memory); return 0; }
 
 int cuMemcpy(void *to, const void *from, size_t size) {
-    /* One number: the count of something, that a kernel would have written. Others are arrays. */
+    /* A copy of 4 bytes reads a count that a kernel would have written; all others read arrays. */
     memcpy(to, size == 4 ? &(uint32_t){1} : from, size);
     return 0;
 }
