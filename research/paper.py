@@ -229,7 +229,7 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
 
 
 def mirrored(car: TessellatedCar) -> Scene:
-    """Return the smooth car in the studio's paint, with mirrors for reflective triangles."""
+    """Return the smoothed car in the studio's paint, reflecting on reflective triangles only."""
     studio_look = studio()
     paint = studio_look.materials["paint"]
     dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Replays of drawn plates to the two eyes of a viewer, measured."""
+"""Measured replays of drawn plates to the two eyes of a viewer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -635,7 +635,7 @@ def agreement(rows: Rows) -> dict[str, float]:
 
 
 def helps(rows: Rows) -> list[dict[str, Any]]:
-    """Return numbers of cases that each remedy helps in each family, in the order of the rows.
+    """Count the cases that each remedy helps in each family, in the order of the rows.
 
     `cases` are drawn as in the paper; for `one_pair` of these cases one pair is enough. The other
     numbers count remaining cases that are served by another depth buffer, by a fit at the screen,

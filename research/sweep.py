@@ -1,4 +1,4 @@
-"""Measurement of a study's cells in blocks, each stored when finished, and study rows as Parquet.
+"""Measure a study's cells in blocks, store each finished block, and write study rows as Parquet.
 
 A cell is one measurement of a study; a block has the cells that share the costliest images.
 The rows of a block are one Parquet file. The name of the file depends on cells and origin. A

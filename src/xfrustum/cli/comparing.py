@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.plate import Aperture
 
-# The word none in a sweep selects frusta without cuts, next to frusta with cuts.
+# In a sweep, the word none selects frusta without cuts, in addition to frusta with cuts.
 _CUT = options.Read("Z,Z", lambda text: () if text.lower() == "none" else NUMBERS.read(text), "")
 _CUTS = list_of(_CUT, ";", "Z,Z;none", "lists of heights such as '15,40;20;none'")
 

@@ -503,7 +503,7 @@ class Printed(Asked):
             return
         from xfrustum.reports.common.outputs import json_ready
 
-        # JSON escapes all other control characters.
+        # Escape DEL too, which the JSON standard does not require.
         echo(json.dumps(json_ready(summary()), allow_nan=False).replace("\x7f", "\\u007f"))
 
 

@@ -74,7 +74,7 @@ class _Plate(options.Measured):
         return options.settings_of(**self.named) if others else None
 
     def refuse_contradictions(self) -> None:
-        """Refuse a plate with no renderer or two renderers, and light that a rasterizer lacks."""
+        """Refuse a plate with no or two renderers, and light effects that a rasterizer lacks."""
         problem, light = "", self.light
         if self.truth and self.settings is not None:
             problem = "--truth is traced with the true frustum: leave out --near and its options"
@@ -321,7 +321,6 @@ def survey(request: _Survey) -> int:
     # A part of a job array writes no page.
     place = request.out / PAGE if answer.extent.complete else request.out
     request.tell(answer.summary, lambda: f"{answer.table()}\n{place}")
-    # The command fails only if a limit set by the user is exceeded; the default tolerance only
-    # describes.
+    # The command fails only if a limit set by the user is exceeded, never by the default tolerance.
     limited = request.until is not None or options.is_given("tolerance_px")
     return options.LIMIT_EXCEEDED if limited and answer.extent.complete and answer.exceeded else 0
