@@ -150,6 +150,7 @@ EXPECTED = {
     r"report-.*\.scout\.looks": "removed: no page and no document used them",
     r"view-.*(stereo|color_fraction|shading)": "removed: pairs of eyes, shading from colors alone",
     r"check-.*\.textures": "without the size of pictures, which no effect depends on",
+    r".*\.conventions\[4\]: ": "the same convention of depth tests and culling in other words",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
 """Reasons by regular expression for answers that differ or are gone: each states why the new answer
