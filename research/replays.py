@@ -34,7 +34,7 @@ class Replayed:
     #: largest difference of the changes of disparity of two points, or of one and the plate's
     #: border, from the 1st to the 99th percentile; None if no point is in both views
     disparity_change_arcsec: float | None
-    #: shares of both eyes' judged pixels: wrong surfaces; wrong surfaces, right with exact depth
+    #: shares of both eyes' judged pixels: wrong surfaces; wrong surfaces that exact depth mends
     wrong: float
     depth_wrong: float
     #: number of both eyes' judged pixels

@@ -140,7 +140,7 @@ def schema(name: str | None) -> None:
     click.echo("\n".join(outputs.schema_names()) if name is None else outputs.schema_text(name))
 
 
-#: Environment variable with the instruction of a shell, such as `bash_source`
+#: Environment variable in which a shell passes its instruction, such as `bash_source`
 #: (docs/commands/index.md).
 COMPLETION_VARIABLE = "_XFRUSTUM_COMPLETE"
 

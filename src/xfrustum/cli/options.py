@@ -633,5 +633,5 @@ def note(line: str) -> None:
 
 
 def echo(text: str) -> None:
-    """Print text on standard output, its control characters escaped."""
+    """Print text on standard output, with control characters escaped."""
     click.echo(printable(text))

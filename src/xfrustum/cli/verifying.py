@@ -271,7 +271,7 @@ def verify(request: _Verify) -> int:
     passed = held.passed and (verification.kept or not limited)
     text = f"{table(verification)}\n{accepted.lines(held)}"
     if passed and not verification.kept:
-        # Default limits may be exceeded as in the accepted run.
+        # Default limits may be exceeded, as they were in the accepted run.
         text += "\nexit status 0: nothing is worse than accepted, and no limit is stated"
     request.tell(lambda: {**verification.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
