@@ -45,7 +45,7 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
     """Return the cameras of some apertures: the JSON object of `camera --for json`.
 
     It has the settings of the scene file and the command line, angles in radians, and the passes of
-    each aperture in drawing order, the pass farthest from the viewer first. Empty slabs are left
+    each aperture in drawing order, from the pass farthest from the viewer. Empty slabs are left
     out, as in `raster`. Raises InputError for impossible settings.
     """
     settings.check_against(scene.frustum)

@@ -1,12 +1,12 @@
-"""Work in blocks: in this process, in processes of this machine, on a Dask cluster, or part K of N.
+"""Work in blocks: in this process, in worker processes, on a Dask cluster, or as a job array.
 
 The store is the only coordinator. A block is finished when its result has its final name. Only
 complete results are renamed. Any process may die at any time; the same command then continues with
 the missing blocks.
 
 Processes of this machine are spawned, never forked: a fork of a process with an OpenGL context
-hangs. These processes communicate by pipes, so that no port is open. A Dask cluster is started by
-the user, with the user's ports (docs/clusters.md).
+hangs. These processes communicate by pipes, so that no port is open. The user starts a Dask
+cluster, and chooses its ports (docs/clusters.md).
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """Where the work runs: processes of this machine, or the workers of a Dask scheduler."""
+    """Processes that do the work: on this machine, or the workers of a Dask scheduler."""
 
     #: address of a Dask scheduler
     scheduler: str | None = None
@@ -191,7 +191,7 @@ class Engine:
     def process_count(self, blocks: int, devices: int = 0) -> int:
         """Return the number of processes of this machine for some blocks and GPUs.
 
-        Processes that share a GPU are not faster, so that each GPU has one process by default.
+        Two processes on one GPU are not faster than one, so that each GPU has one by default.
         """
         if not self.part.everything:
             return 1
@@ -274,7 +274,7 @@ def _answer(session: Session, call: tuple[Callable[..., Answer], tuple[Any, ...]
 
 @contextmanager
 def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator[Workers]:
-    """Open workers for a number of blocks, with OpenGL or without, within a `with` block."""
+    """Open workers for a number of blocks, with or without OpenGL; close them on exit."""
     if engine.scheduler is not None:
         client = _connect(engine.scheduler)
         try:
@@ -314,7 +314,7 @@ class _OpenSession(ExitStack):
     _session: Any = None
 
     def get(self, key: object, job: Callable[[], Job]) -> Any:
-        """Return the session of the job named by `key`; another key closes the last session."""
+        """Return the session of the job named by `key`; a new key closes the previous session."""
         if self._key is not key:
             self._key = self._session = None
             self.close()
@@ -396,7 +396,7 @@ class _Pool(Workers):
         if self._job is not job:
             self.end()
         # The first submission starts the processes. An interrupt during that start would leave a
-        # process that is never joined, and its semaphores disappear with this process.
+        # process that is never joined, and that loses its semaphores when this process ends.
         with delayed():
             try:
                 return (self._executor or self._start(job)).submit(_in_process, function, item)
@@ -407,7 +407,7 @@ class _Pool(Workers):
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
-        # Each item has the number of workers that died while they worked on it.
+        # Each item is stored with the number of workers that died while they worked on it.
         waiting, again = iter(items), deque[tuple[Item, int]]()
         running: dict[Future[Answer], tuple[Item, int]] = {}
         try:

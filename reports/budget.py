@@ -179,7 +179,7 @@ def budget(
     Sampling and light transport of the scene are links of the radiance error. `aperture` None
     selects the middle one, and `progress` draws a bar on standard error. `device` is the model that
     explains rounding; None selects the recorded model of the current device. InputError if the
-    settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
+    settings make no sense for the scene, the aperture shows none of the objects, or there is no
     usable OpenGL.
     """
     one_of(scene, Scene, "scene")
@@ -237,7 +237,7 @@ def _counts(link: LinkNumbers) -> bool:
 
 
 def headline(numbers: BudgetNumbers) -> str:
-    """Return the numbers of wrong surfaces and triangles, with the main cause."""
+    """Return the numbers of pixels with wrong surfaces and triangles, and the main cause."""
     wrong = sum(link.surface for link in numbers.links)
     # Ties between causes go to the earlier link of the chain.
     most = max(numbers.links, key=lambda link: link.surface)
@@ -269,7 +269,7 @@ def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
 
 
 def with_sentences(numbers: BudgetNumbers) -> BudgetNumbers:
-    """Return the numbers of a budget with the reasons of predictions in words."""
+    """Return the numbers of a budget, with reasons for invalid predictions as sentences."""
     links = tuple(
         replace(link, prediction_reasons=sentences(link.prediction_reasons))
         for link in numbers.links
@@ -296,7 +296,7 @@ def prediction_notes(numbers: BudgetNumbers) -> list[str]:
 
 
 def _three_digits(value: float | None) -> str:
-    """Write a number with three digits, or thousands of pixels with all digits."""
+    """Write a number with three digits, or from 1,000 on with all digits before the point."""
     if value is None:
         return "-"
     # Counts of pixels stay exact; lengths in pixels need three digits.

@@ -198,8 +198,8 @@ class CaseRenderer:
                 raise Problem(
                     f"{self.python} returned an array of shape {drawn.shape}, not {shape}"
                 )
-            # Three bytes cannot store fractions, NaN or larger numbers: refuse them instead of
-            # wrapping.
+            # Three bytes cannot store fractions, NaN, or numbers from 2^24 on: refuse them instead
+            # of wrapping.
             if not case.colored and not (
                 drawn.dtype.kind in "iu" and 0 <= drawn.min() <= drawn.max() < 1 << 24
             ):
@@ -221,7 +221,7 @@ def _reason(path: Path) -> str:
 
 
 def write_hogel(case: Case, out: Path, index: tuple[int, int], drawn: Any) -> None:
-    """Write the image of a hogel: numbers plus one, linear radiance, or 8-bit colors."""
+    """Write the image of a hogel: identities plus one, linear radiance, or 8-bit colors."""
     path = out / f"hogel_{index[0]}x{index[1]}"
     if case.colored and drawn.dtype != np.uint8:
         planes = {name: drawn[..., place].astype(np.float32) for place, name in enumerate("RGB")}
@@ -231,7 +231,7 @@ def write_hogel(case: Case, out: Path, index: tuple[int, int], drawn: Any) -> No
 
 
 def encoded_truth(case: Case, truth: HogelImage) -> Any:
-    """Return the image of a correct renderer: numbers plus one (H, W), or radiance (H, W, 3)."""
+    """Return a correct renderer's image: identities plus one (H, W), or radiance (H, W, 3)."""
     if case.colored:
         return truth.color
     return (truth.triangle if case.encoding == "triangle-id" else truth.object) + 1

@@ -59,8 +59,8 @@ DEPTHS = (
 CUTS_PER_REACH = ((0.1,), (0.03, 0.2), (0.01, 0.05, 0.25))
 NEARS_PER_CUT = (1e-1, 1e-2)
 #: Near planes of cameras in the aperture, as fractions of the shorter reach. They displace no
-#: surface, but leave a gap of near on both sides of the plate. They are drawn with D32F reversed,
-#: which works with any near.
+#: surface, but leave a gap of this width on both sides of the plate. They are drawn with D32F
+#: reversed, which works with any near.
 NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
 #: Near plane at which samples and effects are measured: their cost does not depend on it.
 USUAL_NEAR_PER_REACH = 1e-3
@@ -95,13 +95,13 @@ class Way:
 
 @dataclass(frozen=True, kw_only=True)
 class Option(Way):
-    """One way to make a picture: its error and its time."""
+    """One way to make a picture, with its error and its time."""
 
     displacement_p99_px: float
     #: share of judged pixels with the wrong surface
     surface_fraction: float
-    #: Seconds of a whole picture with read-back, over repetitions. Then the seconds of drawing and
-    #: of reading back on the device; None for a tracer.
+    #: Seconds of a whole picture with read-back, over repetitions; `gpu_s` and `read_s` are the
+    #: seconds of drawing and of reading back, None for a tracer.
     time_s: Timing
     gpu_s: Timing | None = None
     read_s: Timing | None = None
@@ -170,7 +170,7 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
     ascending = sorted(options, key=lambda option: option.time_s.median)
     allowed = tuple(option for option in ascending if option.keeps(tolerance_px))
     repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
-    # There is no interval of too few repetitions, and no ranking of a single option.
+    # Too few repetitions have no interval, and a single option needs no ranking.
     if len(allowed) < 2 or not repeated:
         return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
     tied = tuple(option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
@@ -230,7 +230,7 @@ class CostReport(NotebookRepr):
         return self.sentences[-1]
 
     def ascending(self) -> list[tuple[Option, bool]]:
-        """Return options by time, and whether they are on the front."""
+        """Return options in order of time, and whether they are on the Pareto front."""
         pairs = zip(self.options, pareto(self.options), strict=True)
         return sorted(pairs, key=lambda pair: pair[0].time_s.median)
 
@@ -398,7 +398,7 @@ _Made = tuple[Way, Callable[[], HogelImage | Drawn | None]]
 def _errors(
     ways: Mapping[Aperture, list[_Made]], reference: Reference, done: Callable[[], object]
 ) -> list[tuple[float, float]]:
-    """Return displacement (p99, px) and wrong share of each way, at the worst of the apertures."""
+    """Return displacement (p99, px) and wrong surfaces (share) of each way, worst of apertures."""
     errors = [(0.0, 0.0)] * max(map(len, ways.values()))
     for aperture, those in ways.items():
         truth = reference.trace(aperture)

@@ -36,7 +36,7 @@ def measure_device() -> DeviceRecord:
     with open_context(OLDEST_VERSION) as context:
         names = describe(context)
         measured = Measured(draw_fingerprint(context, names))
-    # Contexts are a limited resource of the driver: analysis needs none.
+    # Free the context, a limited resource of the driver: the analysis needs none.
     context.release()
     record = measured.record
     # Devices of the shipped table keep their reviewed model.

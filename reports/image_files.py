@@ -1,6 +1,6 @@
 """Images of an aperture as files: `xfrustum trace` writes a truth, `xfrustum compare` compares two.
 
-A truth is traced in the memory of one band. Images are compared in numbers and pictures.
+Tracing a truth takes the memory of one band. Images are compared in numbers and pictures.
 """
 
 from collections import Counter
@@ -79,8 +79,8 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
-    # Search the scene at its stored path, then next to the image: a folder with both may have been
-    # moved.
+    # Search for the scene at its stored path, then next to the image: a folder with both may have
+    # been moved.
     note, moved = "", (folder / camera.scene, folder / Path(camera.scene).name)
     for name in dict.fromkeys((camera.scene, *map(str, moved))):
         try:
@@ -133,7 +133,7 @@ class TraceRecord:
 
 
 def forecast(scene: Scene, *, transported: bool) -> str | None:
-    """Return a forecast of tracing an aperture; None below `LARGE_PIXELS`."""
+    """Return a forecast of pixels, memory and file size; None below `LARGE_PIXELS`."""
     (width, height), sampling = scene.frustum.resolution, scene.sampling
     pixels = width * height
     kind, each = ("light paths", scene.transport.samples) if transported else ("samples", 1)
@@ -217,8 +217,8 @@ def trace_transported(
 ) -> None:
     """Trace the truth of an aperture, color it by light paths, and write it as EXR.
 
-    Surfaces come from the certified truth. The color is a mean, whose variance goes into separate
-    channels, and the number of light paths into the camera. InputError if the file cannot be
+    Surfaces come from the certified truth. The color is a mean, whose variance is stored in
+    separate channels; the camera states the number of light paths. InputError if the file cannot be
     written: it appears complete, or not at all.
     """
     scene = reference.scene

@@ -262,7 +262,7 @@ class PlateMap:
 
     @property
     def picture(self) -> str | None:
-        """Address of the map as a picture, the largest value the brightest; None for one cell."""
+        """Data URL of the map, brightest at the largest value; None for a single cell."""
         if self.cells.size < 2 or not np.isfinite(self.cells).any():
             return None
         return address(png(map_of(self.cells)))

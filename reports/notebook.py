@@ -22,8 +22,8 @@ SHADES = (0.35, 0.9)
 #: Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under
 #: marks, and opacity of the mark of a displaced pixel.
 WRONG, MOVED, DIMMED, MARKED = (224, 49, 49), (49, 130, 224), 0.5, 0.8
-#: Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole
-#: ones, and the longest that larger ones are reduced to, so that notebooks stay small.
+#: Longest side to which small pictures are enlarged by a whole factor, and longest side to which
+#: large pictures are reduced, so that notebooks stay small.
 MIN_SIDE_PX, MAX_SIDE_PX = 280, 512
 
 
@@ -50,8 +50,8 @@ def _levels(values: Singles | Floats) -> Bytes:
 def marked(picture: Bytes, wrong: Mask | None, moved: Floats) -> Bytes:
     """Return a picture (H, W, 3) in dimmed gray, with wrong surfaces red and displaced points blue.
 
-    `moved` is the displacement as a share of the one in full color, NaN for none; `wrong` is None
-    if not known.
+    `moved` is the displacement, as a share of the displacement that is drawn in full color, or NaN;
+    `wrong` is None if not known.
     """
     shades = np.repeat(picture.mean(axis=-1, keepdims=True) * DIMMED, 3, axis=-1)
     share = np.nan_to_num(np.clip(moved, 0.0, 1.0))[..., None]
@@ -62,7 +62,7 @@ def marked(picture: Bytes, wrong: Mask | None, moved: Floats) -> Bytes:
 
 
 def map_of(values: Floats) -> Bytes:
-    """Return numbers (rows, columns) as shades, the largest the brightest; NaN black."""
+    """Return values (rows, columns) as shades, brightest at the largest; NaN is black."""
     known = np.isfinite(values)
     largest = float(values.max(where=known, initial=0.0))
     share = np.where(
@@ -129,7 +129,7 @@ class NotebookRepr:
         return ""
 
     def _facts(self) -> str:
-        """Return the facts that a notebook shows below that line, as text."""
+        """Return the facts that a notebook shows below the line, as text."""
         return self.table()
 
     def _figures(self) -> Sequence[Figure]:

@@ -22,11 +22,11 @@ from xfrustum.scenes import InputError
 from xfrustum.scenes.disk import read_input, write_file
 from xfrustum.scenes.model.scene import Scene, look_hash
 
-#: Name of the description beside the parts; readers of Parquet skip names that begin like this.
+#: Name of the description beside the parts; readers of Parquet skip names with a leading `_`.
 DESCRIPTION = "_description.json"
 
-#: Largest number of changed values in a message, and length of their text: hashes and long text
-#: help no reader.
+#: Largest number of changed values in a message, and largest length of an old and a new value
+#: together: hashes and long text help no reader.
 MAX_NAMED_VALUES, MAX_VALUES_CHARACTERS = 3, 80
 
 
@@ -39,7 +39,7 @@ def parquet_bytes(table: pa.Table) -> bytes:
     """Return a table as a Parquet file with checksums; equal tables give equal bytes."""
     buffer = io.BytesIO()
     described = table.replace_schema_metadata({ROWS_AND_SCHEMA: _rows_and_schema(table)})
-    # Arrow's names of nested fields, so that a table is read with the schema that it had.
+    # Use Arrow's names of nested fields, so that a table is read with the schema that it had.
     pq.write_table(described, buffer, write_page_checksum=True, use_compliant_nested_type=False)
     return buffer.getvalue()
 

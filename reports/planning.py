@@ -146,7 +146,7 @@ class PlanReport(NotebookRepr):
 
     @property
     def by_directions(self) -> str:
-        """Figures of the plate drawn by directions, in words; "" for a plan of some apertures."""
+        """Error and times of the plate by directions, in words; "" for a plan of some apertures."""
         return "" if self.directions is None else self.directions.words(self.scene)
 
     @cached_property
@@ -182,7 +182,7 @@ class PlanReport(NotebookRepr):
     def _amiss(self, quality: Quality, sheets_named: bool = False) -> list[str]:
         """Return the errors that exceed their limits, in words."""
         moved = f"displaced by {quality.displacement_p99_px:.2g} px"
-        # Displacement is undefined in the plate: a figure would be wrong.
+        # Displacement is undefined in the plate: a value would be wrong.
         if math.isinf(quality.displacement_p99_px):
             moved = "in the plate itself, where displacement is undefined"
         ratios = self.plan.requirement.ratios(quality)
@@ -420,7 +420,7 @@ def plan(
     Raises
     ------
     InputError
-        None of the apertures sees anything, a viewer stands outside the view zone, or there is no
+        None of the apertures shows a surface, a viewer stands outside the view zone, or there is no
         usable OpenGL.
     """
     one_of(scene, Scene, "scene")
@@ -478,10 +478,10 @@ def _plate_plan(
 
 
 def scanned_plate(scene: Scene, progress: bool) -> PlateScan:
-    """Scan apertures all over a plate; InputError if none sees anything."""
+    """Scan apertures all over a plate; InputError if none shows a surface."""
     with progress_bar(None, "scan", "hogel", shown=progress) as bar:
         scan = scout(scene, bar.update)
-    # The coarse film may miss a small object: the exact test decides before the error.
+    # The coarse film may miss a small object: only the exact test may raise the error.
     if not any(math.isfinite(look.nearest) for look in scan.looks):
         require_seen(scene, scan.apertures)
     return scan

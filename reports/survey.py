@@ -80,12 +80,12 @@ class Survey(NotebookRepr):
 
     @cached_property
     def best(self) -> int:
-        """Index of the setting with the fewest hogels beyond; the worst hogel breaks ties."""
+        """Index of the setting with fewest hogels beyond tolerance; the worst hogel breaks ties."""
         bad = [(each.beyond, *(hogel.badness for hogel in each.worst[:1])) for each in self.stats]
         return bad.index(min(bad))
 
     def at_most(self, stats: survey_rows.SettingStats) -> float | None:
-        """Return the bound on the share of hogels beyond; None while a part is missing."""
+        """Return the bound on the share beyond the tolerance; None while a part is missing."""
         return self.extent.at_most(stats.beyond)
 
     def bound_words(self, stats: survey_rows.SettingStats) -> str:
@@ -95,7 +95,7 @@ class Survey(NotebookRepr):
 
     @property
     def exceeded(self) -> bool:
-        """True if the bound exceeds `until` or, without `until`, if a judged hogel is beyond."""
+        """True if the bound exceeds `until`; without it, if any hogel is beyond the tolerance."""
         stats, limit = self.stats[self.best], self.extent.sample.until
         share = self.at_most(stats)
         return stats.beyond > 0 if limit is None else share is None or share > limit
@@ -348,7 +348,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         "tolerance_px": tolerance_px,
     }
     work |= {"scene": scene_description(scene), "hogels": sample.description}
-    # Blocks depend on the order of truths: a message on another order then does not name blocks.
+    # Blocks depend on the order of truths. Nested, they are not named if the order differs.
     work["truths"] = {"--truth-by": order, order: {"block": size}}
     parts.open(json_ready(work))
 

@@ -207,7 +207,7 @@ class JudgedViews(eye_loss.Views):
         return {name: image for name, image in every.items() if image is not None}
 
     def marked(self, name: str) -> Bytes:
-        """Return the picture of the `display` or `renderer` loss, wrong and moved pixels marked."""
+        """Return the `display` or `renderer` picture with wrong and moved pixels marked."""
         lost, image = getattr(self, name), self.replayed if name == "display" else self.drawn
         assert lost is not None and image is not None
         # The last argument is relative to the displacement in full color.
@@ -276,7 +276,7 @@ def view(
     """
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")
-    # Raise for too small a view before anything is traced.
+    # Refuse too small a view before anything is traced.
     sharpness = [eye_loss.pixels_per_degree(scene, eye) for eye in eyes]
     reference = EyeReference(scene, effects)
     takes = [reference.replay(eye) for eye in eyes]

@@ -54,7 +54,7 @@ RAISING_OPTION = "--max-input-memory"  # command-line option that raises the mem
 
 
 class _Bound:
-    """The bounds of this process, global because its memory is shared."""
+    """Bounds on inputs; they are global, because all readers share the memory of the process."""
 
     memory = 1 << 30
     """Bytes of memory that reading one input may take, for files of any size."""

@@ -122,7 +122,7 @@ def as_object(name: str, mesh: Mesh, **attributes: Any) -> SceneObject:
 
 
 def build_shape(name: str, *, material: str | None = None) -> SceneObject:
-    """Return a built-in shape in its own coordinates; InputError at unknown names."""
+    """Return a built-in shape in its own coordinates; InputError for unknown names."""
     if name not in SHAPES:
         nearest = difflib.get_close_matches(name, list(SHAPES), n=1, cutoff=0.0)[0]
         raise InputError(

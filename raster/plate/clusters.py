@@ -95,9 +95,9 @@ def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
     It is False only if the whole box is outside one of the planes, including rounding errors.
     """
     # The bound is a sum of three terms, one for each group of rows in `Boxes.columns`:
-    #  1. plane . (center, 1), the value at the middle of the box; 2. abs(plane) . half extent, the
-    #  increase to the corner that is farthest inside; 3. TRANSFORM_ROUNDING magnitude . (largest
-    #  coordinates, 1), the largest rounding error in the box.
+    # 1. plane . (center, 1), the value at the middle of the box;
+    # 2. abs(plane) . half extent, the increase to the corner that is farthest inside;
+    # 3. TRANSFORM_ROUNDING magnitude . (largest coordinates, 1), the largest rounding error.
     rows = np.concatenate(
         [planes, np.abs(planes[..., :3]), TRANSFORM_ROUNDING * magnitudes], axis=-1
     )

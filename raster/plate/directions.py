@@ -1,7 +1,7 @@
 """Plates drawn by directions: one picture of a plate tile for each pixel of the hogels.
 
 A picture has a pixel for each hogel. A plate with more hogels than pixels per hogel therefore needs
-fewer passes by directions than by hogels. It needs no near offset and no second camera
+fewer passes by directions than by hogels. These passes need no near offset and no second camera
 (`cameras`).
 """
 

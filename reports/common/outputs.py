@@ -64,7 +64,7 @@ def json_object(record: Any) -> dict[str, Any]:
 
 def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
     """Return a bar of `total` units, None if unknown; the caller updates it."""
-    # A log keeps every line that a terminal would overwrite: update the bar rarely there.
+    # A log keeps every line that a terminal would overwrite: update the bar rarely in logs.
     shown = shown and sys.stderr is not None
     seconds = 0.1 if shown and sys.stderr.isatty() else 5.0
     return tqdm(total=total, disable=not shown, desc=what, unit=unit, mininterval=seconds)
@@ -110,7 +110,7 @@ class Staging:
         with refused(f"--out {self.out}: cannot write in {host}", "choose another place"):
             for name in self.names:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")
-            # A killed run that found no existing folder left its files beside it.
+            # If the folder did not exist, a killed run left its files in the parent folder.
             disk.remove_abandoned(self._place.parent)
             self._aside = disk.TempPath(host, folder=True)
             # A folder inside has the permissions of new folders; the temporary folder is private.
@@ -166,7 +166,7 @@ def check_writable_folder(path: Path, names: Sequence[str] = ()) -> None:
 
 
 def check_writable_image(path: Path) -> None:
-    """Raise InputError unless an OpenEXR image can be written here, under a name in .exr."""
+    """Raise InputError unless an OpenEXR image can be written here; its name must end in .exr."""
     if path.suffix.lower() != ".exr" and not path.is_dir():
         named = f"such as {path.with_suffix('.exr')}"
         raise InputError(
@@ -215,13 +215,13 @@ _JUDGING = ("scikit-image", "flip-evaluator")
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the libraries that make the numbers."""
+    """Return the versions of Python and of the libraries that compute the results."""
     libraries = {name: metadata.version(name) for name in (*_LIBRARIES, *_JUDGING)}
     return {"python": platform.python_version(), **libraries}
 
 
 def machine() -> dict[str, str]:
-    """Return processor, usable cores, system, and the place of Dr.Jit arrays."""
+    """Return processor, usable cores, system, and the device of Dr.Jit arrays."""
     # platform.processor() is empty on most Linux systems; the kernel has the name.
     cpuinfo = Path("/proc/cpuinfo")
     text = cpuinfo.read_text(encoding="utf-8", errors="replace") if cpuinfo.exists() else ""
@@ -262,13 +262,13 @@ def plate_command(scene: Scene, settings: DoubleFrustum) -> str:
 
 
 def settings_words(settings: DoubleFrustum) -> list[str]:
-    """Return the options that name settings, to the last digit; nothing for usual cameras."""
+    """Return the options that state settings to the last digit, without default values."""
     words = ["--near", _number(settings.near), "--depth", str(settings.depth)]
     words += ["--mapping", str(settings.mapping)]
     usual = DoubleFrustum(near=settings.near)
     for name in ("pivot", "fit", "offset", "slabs", "camera", "cull"):
         value = getattr(settings, name)
-        # Options that are left out have their usual values.
+        # Options that are left out have their default values.
         if value != getattr(usual, name):
             every = value if isinstance(value, tuple) else (value,)
             texts = (_number(part) if isinstance(part, float) else str(part) for part in every)

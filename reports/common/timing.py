@@ -38,7 +38,7 @@ def median_interval(values: Sequence[float]) -> tuple[float, float]:
     while 2 * (beyond + comb(count, outside)) <= (1 - CONFIDENCE) * 2**count:
         beyond += comb(count, outside)
         outside += 1
-    # Few values allow no interval of this confidence: their extremes are the widest.
+    # Few values allow no interval of this confidence: use the widest, between their extremes.
     outside = max(outside, 1)
     return ordered[outside - 1], ordered[count - outside]
 
@@ -77,7 +77,7 @@ class Timing:
         return low, self.highest if self.high is None else self.high
 
     def told_below(self, other: Timing) -> bool:
-        """Return whether it is less than another: disjoint intervals, enough repetitions."""
+        """Return whether this timing is clearly less: disjoint intervals, enough repetitions."""
         enough = min(self.repetitions, other.repetitions) >= FEWEST_REPETITIONS
         return enough and self.interval[1] < other.interval[0]
 

@@ -190,8 +190,8 @@ class Recommendation:
     window: Window
     #: aperture with the largest share of wrong surfaces; the largest displacement breaks ties
     aperture: Aperture
-    #: aperture with the largest displacement; equal to `aperture` unless another aperture is
-    #: displaced more
+    #: aperture with the largest displacement; equal to `aperture` unless another aperture has a
+    #: larger displacement
     displaced_aperture: Aperture
 
 
@@ -263,9 +263,9 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     A window is a run of measured near planes of one depth buffer and one camera geometry, all of
     which are `equally_good`. If several windows are equally wide, the window with the larger nears
     is used; if these are equal too, the window of the first geometry and depth buffer. The middle
-    of the window, by ratio, is farthest from nears that displace too much and from nears that are
-    too small for the depth buffer; if two nears are equally close to the middle, the larger one is
-    used.
+    of the window, by ratio, is farthest from nears with too large displacement and from nears that
+    are too small for the depth buffer; if two nears are equally close to the middle, the larger one
+    is used.
     """
     good, windows = equally_good(rows), []
     settings = dict.fromkeys(row.settings for row in rows)
@@ -387,7 +387,7 @@ class Quantity:
                     None if value is None else max(value, floor) or None
                     for value, floor in zip(expected, floors, strict=True)
                 ]
-                # Equal closed forms, such as displacement's, are drawn once, in a separate color.
+                # Equal closed forms of several groups are drawn once, in a separate color.
                 ink = INK if tuple(form) in forms else color
                 line = {"color": ink, "dash": "dash"}
                 forms[tuple(form)] = {"x": nears, "y": form, **_DASHED, "line": line}

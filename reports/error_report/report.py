@@ -94,7 +94,7 @@ class ReportFiles:
     command: str
     #: object in report.json
     content: dict[str, Any]
-    #: sentences on the measured share of the plate and on omitted parts; then one on the times
+    #: sentences on the measured share of the plate and on omitted parts; `cost` states the times
     notes: tuple[str, ...]
     cost: str
 
@@ -174,7 +174,7 @@ def _inspected(measured: Sweep) -> Inspection:
 
 
 def _row_numbers(measured: Sweep) -> list[RowNumbers]:
-    """Return the rows of the table, with the scene and the programs behind the numbers."""
+    """Return the rows of the table, with scene, versions and devices in `made_by`."""
     scene = measured.scene
     made_by = {
         "scene_name": scene.name,
@@ -210,7 +210,7 @@ def report_content(measured: Sweep, rows: Sequence[RowNumbers]) -> dict[str, Any
         sentence = f"{sentence.removesuffix('.')} ({note})."
     numbers = [{**json_object(row), "aperture": row.aperture.index} for row in rows]
     for row, source in zip(numbers, measured.rows, strict=True):
-        # Remove columns that JSON lacks, or has in another form.
+        # Remove columns that report.json lacks, or has in another form.
         del row["made_by"], row["causes"]
         row["causes"] = source.causes
     record = {
@@ -393,7 +393,7 @@ def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
 
 
 def near_range(window: Window, unit: float = 1.0) -> str:
-    """Write a window, in multiples of a length."""
+    """Write the ends of a window as multiples of a length."""
     ends = dict.fromkeys((window.low, window.high))
     return " to ".join(digits(end / unit) for end in ends)
 
@@ -436,7 +436,7 @@ def _notes(measured: Sweep) -> dict[str, str]:
 
 
 def _missed_light(measured: Sweep) -> Iterator[str]:
-    """Yield the light that a rasterizer misses at each aperture."""
+    """Yield a sentence on the light that a rasterizer misses at each aperture."""
     film = math.prod(measured.scene.frustum.resolution)
     for part in measured.light.missed if measured.light else ():
         numbers = part.numbers

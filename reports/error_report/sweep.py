@@ -125,8 +125,8 @@ def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum
     for geometry, (depth, mapping), near in itertools.product(
         geometry_grid(frustum, options), buffers, nears
     ):
-        # Cameras without an offset need a near before the first cut; default nears beyond it are
-        # left out.
+        # Cameras without an offset need a near plane closer than the first cut; other default
+        # nears are left out.
         first = min((*geometry.slabs, *frustum.reach))
         if usual and geometry.offset is Offset.NONE and near >= first:
             continue

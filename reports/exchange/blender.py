@@ -131,8 +131,8 @@ def shader_of(
         height=float(height),
         centered=int(centered),
         turn=-1 if turned else 1,
-        # Nine digits restore a float32, the precision of the shading language; parentheses keep
-        # signs.
+        # Nine digits restore a float32, the precision of the shading language; parentheses separate
+        # signs from operators.
         **{name: f"({value:.9g})" for name, value in numbers.items()},
     )
 
@@ -200,7 +200,7 @@ def exr(planes: Mapping[str, Array]) -> bytes:
 
 
 def exr_planes(content: bytes) -> dict[str, Array]:
-    """Return the (H, W) planes of an OpenEXR file of Blender: one part, lines, uncompressed."""
+    """Return the (H, W) planes of Blender's OpenEXR: one part, scan lines, no compression."""
     _, flags = struct.unpack_from("<II", content)
     place, attributes = 8, {}
     while content[place]:
@@ -333,7 +333,7 @@ def interruptions() -> list[int]:
 
 
 def hide_known_complaints() -> None:
-    """Hide two harmless tracebacks of Blender as a Python module.
+    """Hide two harmless tracebacks that Blender prints when it is a Python module.
 
     The module lacks oslquery, which lists parameters of shaders; the camera's shader has none.
     Blender also queries the session of renderers after their removal.
@@ -471,7 +471,7 @@ def placed(empty: Any) -> tuple[Array, float]:
 def set_renderer(
     bpy: Any, plate: Mapping[str, Any], encoding: str, samples: int | None, scale: float
 ) -> None:
-    """Set Cycles for an encoding: for numbers one sample and no bounces, else the user's."""
+    """Set Cycles for an encoding: `triangle-id` takes one sample and no bounces."""
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = plate["resolution"]

@@ -57,8 +57,8 @@ def write_cameras(
     settings
         Settings of C and C*; required for `json`, `gltf` and `mitsuba`, and refused for `blender`.
     apertures
-        Apertures of the cameras, by default a report's; for `blender` the script's default, by
-        default the whole plate.
+        Apertures of the cameras, by default a report's; for `blender` the apertures that the script
+        renders without --apertures, by default the whole plate.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def write_triangles(scene: Scene, path: Path) -> None:
         vertices=scene.vertices,
         faces=scene.faces,
         object_of_triangle=scene.object_of_triangle,
-        # One more entry than objects, so that object i spans entries i to i + 1.
+        # One more entry than objects: entries i and i + 1 are the ends of object i.
         first_vertex=np.cumsum([0, *(len(part.vertices) for part in objects)]),
         first_triangle=np.cumsum([0, *(len(part.faces) for part in objects)]),
         # Store fixed-width text: object arrays would need pickle to be read.

@@ -1,6 +1,6 @@
 """Plates converted between layouts of files and Zarr groups (CONVENTIONS.md, "Plates").
 
-Sentences about layouts: evidence for a recognized one, losses of a written one, notes.
+Sentences state the evidence for a recognized layout, and the losses of a written layout.
 """
 
 import math
@@ -66,7 +66,7 @@ def layout_losses(plate: PlateRows, target: Target) -> tuple[str, ...]:
 
 def layout_notes(plate: PlateRows, target: Target) -> tuple[str, ...]:
     """Return the expectations of a layout's readers that its files do not meet."""
-    # Facts about other programs that no pixel of the files shows.
+    # These facts concern other programs; no pixel of the files shows them.
     if target.layout.name == "burnett":
         return ("its own renderer samples pixels at their corners; re-arranging moves no sample",)
     if target.layout.name != "quilt":
@@ -410,7 +410,7 @@ def _into_files(
     return out.with_name(written[0].name) if single else out, count
 
 
-#: ending of a group that is kept until its files are written
+#: suffix of a group that is removed after the files of the layout are written
 DRAWING_SUFFIX = ".drawing.zarr"
 
 

@@ -3,7 +3,7 @@
 Each image by direction has one pixel of all hogels of a tile. A tile is as large as memory permits.
 A block of work is a rectangle of pixels of a tile and fills whole shards, so that every file is
 written once and no data are transposed on the disk. A block is finished when all its files exist.
-The arrays are the same as by hogels. `plan` and `cost` print the figures of both ways, or the
+The arrays are the same as by hogels. `plan` and `cost` print error and time of both ways, or the
 reason against directions.
 """
 
@@ -58,7 +58,7 @@ from xfrustum.scenes.plate import DepthFormat, PlateTile
 
 #: default memory for the images of a tile, bytes
 MEMORY = 1 << 30
-#: largest number of columns and of rows of a tile: the smallest bound of OpenGL 4.5 for images
+#: largest number of columns and of rows of a tile: the image size that OpenGL 4.5 guarantees
 MAX_SIDE = 1 << 14
 #: Working memory of an image, bytes per hogel of the tile. A drawn image has attachments and
 #: read-back of two rounds; a traced image has positions, normals, colors and error bounds.
@@ -421,9 +421,9 @@ class DirectionsResult:
 def measure_directions(
     reference: Reference, apertures: Sequence[Aperture], settings: DoubleFrustum
 ) -> DirectionsResult:
-    """Measure wrong surfaces about the worst of some apertures, and the speed of both ways.
+    """Measure wrong surfaces around the worst of some apertures, and the speed of both ways.
 
-    Two cameras are timed with the settings.
+    The two cameras are timed with `settings`.
     """
     scene = reference.scene
     pixels = spread_pixels(scene.frustum, COMPARED_PASSES)

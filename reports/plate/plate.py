@@ -205,7 +205,7 @@ def _judged(
     settings: DoubleFrustum,
     apertures: Iterable[Aperture],
 ) -> Iterator[PlateHogel]:
-    """Draw and judge hogels; images are bitwise equal to a plate that is only drawn."""
+    """Draw and judge hogels; images are bitwise equal to a plate's without judging."""
     scene = evaluator.scene
     # Store color even if the scene has no colors to compare.
     request = FrameRequest(color=True, colored_truths=is_shaded(scene), radiance=is_shaded(scene))
@@ -375,7 +375,7 @@ def write_plate(
     options: PlateOptions | None = None,
     begun: Callable[[], object] = lambda: None,
 ) -> PlateFiles:
-    """Draw the missing apertures of a plate into its store, block by block, one shard per block.
+    """Draw the missing hogels of a plate into its store, block by block, one shard per block.
 
     Without settings, truths are traced; without apertures, the whole plate is drawn. Blocks are
     drawn in the order of their apertures. A killed process loses no finished block: the next call

@@ -224,8 +224,8 @@ def open_store(
             # Zarr writes in its own thread, which would continue after an interrupt.
             with Staging(out) as staging, delayed():
                 make_group(LocalStore(staging.folder), arrays, expected)
-                # This fails if another process was faster, because renaming does not replace a
-                # folder with files.
+                # This fails if another process was faster, because renaming cannot replace a folder
+                # that contains files.
                 staging.folder.rename(out.resolve())
         except InputError:
             if not (out / METADATA).is_file():
@@ -484,7 +484,7 @@ def read_hogels(
     *,
     must_exist: bool = True,
 ) -> Iterator[tuple[int, Any]]:
-    """Yield columns in increasing order, each with its image in a row; see `read_hogel`.
+    """Yield columns, ascending, each with the image of its hogel in a row; see `read_hogel`.
 
     A chunk of a plate by directions has pixels of many hogels, so that columns are read together.
     """

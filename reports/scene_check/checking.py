@@ -297,9 +297,9 @@ def check(
     settings: DoubleFrustum | None = None,
     viewer_distance: float | None = None,
 ) -> SceneCheck:
-    """Return places and visibility of objects, likely mistakes, and effects by depth.
+    """Return places and visibility of objects, likely mistakes, effects, and errors by depth.
 
-    `aperture`, `settings` and `viewer_distance` are parameters of `scene_effects`.
+    `aperture`, `settings` and `viewer_distance` are passed to `scene_effects`.
     """
     objects = tuple(
         ObjectCheck(extent=extent, looks=_looks(part))

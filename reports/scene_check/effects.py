@@ -182,7 +182,7 @@ def effect_rows(scene: Scene, question: Question | None = None) -> list[EffectRo
     ]
 
 
-#: properties of objects that call for an effect; cameras are decided by positions of objects
+#: properties of objects that require an effect; positions of objects require cameras
 _CALLING = {
     Effect.SMOOTH_NORMALS: "normals at vertices",
     Effect.VERTEX_COLORS: "colors at vertices",

@@ -111,7 +111,7 @@ class NewScene:
 
     @property
     def pitch(self) -> float:
-        """Larger one of the distances between apertures along x and y, scene units."""
+        """Larger of the distances between apertures along x and along y, scene units."""
         return max(side / count for side, count in zip(self.plate, self.hogels, strict=True))
 
     @property
@@ -202,7 +202,7 @@ def new_scene(
 
 @dataclass(frozen=True, kw_only=True)
 class _Display:
-    """Requested plate and viewer distance, scene units; an empty plate means to fit the mesh."""
+    """Requested plate, pitch and viewer distance, scene units; an empty plate fits the mesh."""
 
     plate: tuple[float, ...]
     pitch: float | None

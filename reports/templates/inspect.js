@@ -1,4 +1,4 @@
-// Tables of wrong pixels, whose rows lead to their pixels. Texts are set as text nodes: none is read as markup.
+// Tables of wrong pixels; each row leads to its pixel. Text is set as text nodes, and never read as markup.
 const hogels = JSON.parse(document.getElementById("data").textContent);
 
 function shown(value) {

@@ -50,7 +50,7 @@ function choose(row) {
   show();
 }
 
-// Tables are made of elements and text nodes only: a text of a scene is never read as markup.
+// Tables are made of elements and text nodes only: text from a scene is never read as markup.
 function cell(text, { head = false, number = false, span = 1 } = {}) {
   const made = document.createElement(head ? "th" : "td");
   made.textContent = text;

@@ -1,4 +1,4 @@
-// Lines about color in the table of numbers; function declarations are known before they are reached.
+// Lines about color in the table of numbers; JavaScript hoists these functions, so that their order is free.
 function light(c, wide) {
   if (!c) return [];
   const spread = (label, e) => line([cell(label), figure(short(e && e.rms)), cell("", { span: 2 }), figure(short(e && e.p99)), figure(short(e && e.max))]);

@@ -199,7 +199,7 @@ class Baseline:
     #: origin of the limits
     tolerance: str
     new_hogels: int
-    #: hogels that were not accepted before and exceed the limits
+    #: number of hogels that were not accepted before and exceed the limits
     new_beyond_limits: int
     not_judged_hogels: int
     #: other accepted runs of this scene, if no accepted run has the present key

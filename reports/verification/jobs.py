@@ -226,7 +226,7 @@ def verify_on(
 
 
 def _blocks(request: Request, size: int) -> list[list[HogelBlock]]:
-    """Return the blocks of each look; its own and all earlier blocks decide a look."""
+    """Return the blocks of each look; its result also depends on all earlier blocks."""
     looks, begun = list[list[HogelBlock]](), 0
     for look in range(request.looks):
         looks.append(blocks_of(list(request.apertures_of(look)), size, begun))
@@ -254,7 +254,7 @@ def _description(job: VerifyJob, size: int) -> dict[str, object]:
 
 
 def _prepare(job: VerifyJob, blocks: Sequence[HogelBlock], note: Callable[[str], object]) -> None:
-    """Remove blocks of a command with missing hogels, and note damaged and finished blocks."""
+    """Remove a command's blocks that lack hogels, and note damaged and finished blocks."""
     finished = list(filter(job.finished, blocks))
     if job.request.options.command is not None:
         for block in finished:

@@ -57,7 +57,7 @@ class VerifyOptions:
     device: DeviceModel | None = None
     #: number of random hogels, >= 1; None selects `apertures`
     sample: int | None = None
-    #: share of the plate, 0 to 1, at which growing samples stop
+    #: bound on the share of failing hogels, 0 to 1, at which a growing sample stops
     until: float | None = None
     #: seed of a sample
     seed: int = 0

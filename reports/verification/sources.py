@@ -347,7 +347,7 @@ class Function(Source):
 
 
 def run_program(arguments: list[str], folder: Path, timeout_s: float, working: Path | None) -> None:
-    """Run a program with its standard error in a folder, and end all processes that it started.
+    """Run a program, log its standard error in a folder, and end all processes that it started.
 
     Raises Problem if the program cannot be run, fails, or exceeds the time limit.
     """

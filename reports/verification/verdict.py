@@ -79,7 +79,7 @@ class Pictured:
     def from_figures(
         cls, scene: Scene | None, aperture: Aperture, as_found: Figures, corrected: Figures
     ) -> Self:
-        """Draw truth, image and errors, as delivered and corrected; a scene keeps all channels."""
+        """Draw truth, image and errors, as delivered and corrected; with a scene, all channels."""
         truth, pictures = _shown(as_found.answer, as_found.image), {}
         # The corrected image is judged by another model, with another truth.
         rest = _shown(corrected.answer, corrected.image)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Largest number of hogels that a sentence or the terminal names.
 MAX_LISTED = 10
 
-# Largest deviation from half a pitch of an offset that points to hogel corners, in pitches.
+# An offset points to hogel corners if it differs from half a pitch by at most this, in pitches.
 CORNER_PITCHES = 0.01
 
 NOTHING_TO_JUDGE = (
@@ -81,7 +81,7 @@ def defect_words(defect: Defect, scene: Scene, by: str = "images") -> str:
 
 def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
     """Return the facts about the scene that the sentence of a defect needs."""
-    # A name such as `front-near-offset` or `near-x` has half of the display, group and axis.
+    # Names may begin with a half of the display (`front-near-offset`) or end with an axis.
     half, _, rest = defect.fault.partition("-")
     alone = {"front": "C*", "back": "C"}.get(half, "")
     axis = names.axis_of(defect.fault) or "x"
@@ -157,7 +157,7 @@ def judged_words(by: set[str], colored: bool, judging: Judging) -> str:
 
 
 def check_words(check: Check) -> str:
-    """Return a figure and its limit."""
+    """Return the sentence about a measure and its limit."""
     return text("check_words", check=check)
 
 

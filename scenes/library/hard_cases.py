@@ -20,9 +20,9 @@ REACH = 128.0  #: reach on both sides, in millimeters
 #: Plate with apertures at x and y of -16, -8, 0, 8 and 16; the middle aperture is at the origin.
 PLATE = Plate(size=(40.0, 40.0), hogels=(5, 5))
 
-#: Frustum in which every slope is a multiple of 1/128. Lines through the origin have odd multiples
-#: from -63/128 to 63/128. The frustum is defined by a screen and not by an angle, because no angle
-#: in double precision has the tangent 1/2 exactly.
+#: Frustum in which every slope is a multiple of 1/128. Slopes of lines through the origin are odd
+#: multiples, from -63/128 to 63/128. The frustum is defined by a screen and not by an angle,
+#: because no angle in double precision has the tangent 1/2 exactly.
 FRUSTUM = Frustum(
     resolution=(64, 64),
     reach=(REACH, REACH),

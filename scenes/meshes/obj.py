@@ -316,10 +316,16 @@ class _Material:
 def _read_libraries(
     path: Path, statements: Sequence[str], used: set[str]
 ) -> tuple[dict[str, _Material], list[UnreadFeature]]:
-    """Return used materials by name, and features not honoured.
+    """Return used materials by name, and unsupported features.
 
-    Parameters ---------- path : OBJ file statements : names of libraries, as each `mtllib`
-    statement lists them used : names of materials that polygons use
+    Parameters
+    ----------
+    path
+        OBJ file.
+    statements
+        Names of libraries, as each `mtllib` statement lists them.
+    used
+        Names of the materials of polygons.
     """
     looks: dict[str, _Material] = {}
     unread: dict[str, str] = {}  # consequences by feature

@@ -447,7 +447,7 @@ def _vertices(
 def _faces(
     lines: TextLines, start: int, numbers: Floats, per_line: Indices, count: int
 ) -> tuple[Indices, Indices, bool]:
-    """Return the corners of all faces in one array, the size of each face, and if colors follow."""
+    """Return the corners of all faces, the size of each face, and whether colors follow."""
     line_starts, after = starts_of(per_line), np.cumsum(per_line)
     first_line = int(np.searchsorted(line_starts, start))
 

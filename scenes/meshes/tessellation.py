@@ -327,9 +327,16 @@ def cut_polygons(
     quadrilateral then begins at its third corner, as in trimesh. Polygons that are not flat are
     projected along Newell's normal; their fan is used if all its triangles face along this normal.
 
-    Parameters ---------- points : (V, 3) coordinates corners : (K,) indices into `points`, polygon
-    after polygon counts : (P,) numbers of corners of each polygon, at least 3 refuse : returns the
-    error for a polygon number and a reason
+    Parameters
+    ----------
+    points
+        (V, 3) coordinates.
+    corners
+        (K,) indices into `points`, polygon after polygon.
+    counts
+        (P,) number of corners of each polygon, at least 3.
+    refuse
+        Function of a polygon number and a reason that returns the error.
     """
     first = np.cumsum(counts) - counts
     before = np.cumsum(counts - 2) - (counts - 2)  # triangles of earlier polygons

@@ -21,8 +21,8 @@ _LINE_FEED = ord("\n")
 #: of a number, so that the word is refused.
 _BLANKS = {ord(blank): _SPACE for blank in "\t\v\f"} | {0: 0, _LINE_FEED: _LINE_FEED}
 _CONTROL_TO_BLANK = bytes([*(_BLANKS.get(byte, 127) for byte in range(32)), *range(32, 256)])
-#: Replacement of a backslash and the line feed after it. It has the same length, and `number`
-#: counts it.
+#: Replacement of a backslash and the line feed after it, of the same length; `number` counts its
+#: vertical tab as the end of a line.
 _CONTINUED = b" \v"
 
 

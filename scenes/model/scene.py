@@ -44,7 +44,7 @@ def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
 
 
 class NormalsMade(StrEnum):
-    """Which of an object's vertex normals are computed from its faces."""
+    """Vertex normals of an object that are computed from its faces."""
 
     NONE = "none"
     SOME = "some"

@@ -186,7 +186,7 @@ class Region:
         apertures: Iterable[Aperture] | None = None,
         settings: Sequence[DoubleFrustum] = (),
     ) -> Region:
-        """Return the region of drawn images of apertures with their cells; None for the plate.
+        """Return the region of images drawn from the cells of apertures, by default of the plate.
 
         It is valid for every near of at least `SMALLEST_NEAR_SHARE` of the reach; a smaller near
         needs the settings.
@@ -202,7 +202,7 @@ class Region:
 
     @classmethod
     def from_cells(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:
-        """Return the region of apertures' true frusta, with their cells; None for the plate."""
+        """Return the region of true frusta of the cells of apertures, by default of the plate."""
         plate = scene.plate
         if apertures is None:
             (width, height) = plate.size
@@ -490,7 +490,7 @@ class DepthBin:
 
 
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:
-    """Return the bins with content, from behind the plate to the front, for apertures' cells."""
+    """Return the bins with content from back to front, for the cells of apertures."""
     region = Region.from_cells(scene, apertures)
     bins = []
     for behind, reach in ((True, scene.frustum.reach[1]), (False, scene.frustum.reach[0])):
