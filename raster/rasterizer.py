@@ -1,6 +1,6 @@
 """The paper's double frustum: C, with C* drawn over it (paper, sections 3 to 6).
 
-Band limiting (color averaged over the pixel's area and over the aperture) is drawn in tiles.
+Images with color averaged over the pixel's area and over the aperture are drawn in tiles.
 """
 
 import time

@@ -1,8 +1,8 @@
 """Work in blocks: in this process, in worker processes, on a Dask cluster, or as a job array.
 
-The store is the only coordinator. A block is finished when its result has its final name. Only
-complete results are renamed. Any process may die at any time; the same command then continues with
-the missing blocks.
+The store is the only coordinator. Results are written under temporary names, and renamed when they
+are complete: a block is finished if its result has the final name. Any process may die at any time;
+the same command then continues with the missing blocks.
 
 Processes of this machine are spawned, never forked: a fork of a process with an OpenGL context
 hangs. These processes communicate by pipes, so that no port is open. The user starts a Dask

@@ -1,4 +1,4 @@
-"""`xfrustum budget`: the error of one image link by link, as numbers, text, a page and pictures."""
+"""`xfrustum budget`: the error of one image, split along a chain from the truth to the drawing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -176,7 +176,7 @@ def budget(
 ) -> BudgetReport:
     """Charge every wrong pixel of one image to its cause, and split its radiance error by link.
 
-    Sampling and light transport of the scene are links of the radiance error. `aperture` None
+    Sampling and light transport of the scene are also links of the radiance error. `aperture` None
     selects the middle one, and `progress` draws a bar on standard error. `device` is the model that
     explains rounding; None selects the recorded model of the current device. InputError if the
     settings make no sense for the scene, the aperture shows none of the objects, or there is no
@@ -206,7 +206,7 @@ def budget_of(
 ) -> tuple[Budget, Chain]:
     """Trace and draw the chain of one aperture, and charge wrong pixels to links."""
     require_seen(scene, [aperture])
-    # Averages over samples mix triangles: only single samples can be charged.
+    # Averages over samples mix triangles: only single samples can be charged to links.
     once = replace(scene, sampling=Sampling())
     reference = Reference(once)
     with Rasterizer(once, model=device) as rasterizer:

@@ -158,7 +158,7 @@ class CaseRenderer:
     def draw(self, case: Case, scene: Scene, scratch: Path) -> Path:
         """Draw a case in a scratch folder, and return the folder of its images.
 
-        Raises Problem if drawing fails, UnsupportedError if the renderer does not claim the case.
+        Raises Problem if drawing fails, UnsupportedError if the renderer does not support the case.
         """
         if self.images is not None:
             allowed, out = Path(self.images), Path(self.images, case.name)
@@ -353,7 +353,7 @@ defect can explain a single case of few surfaces by chance."""
 
 
 def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
-    """Return verdicts whose causes agree within each level; other causes become guesses.
+    """Return verdicts whose causes agree within each level; other causes are marked as guesses.
 
     A case with several possible defects counts for each, and gets the most frequent defect.
     """
@@ -414,7 +414,7 @@ class Statement:
     @property
     def levels(self) -> dict[str, CaseOutcome]:
         """Outcome of each judged level: pass if no case fails and at least one passes."""
-        # One failed case fails the level; a level with unsupported cases is partly claimed.
+        # One failed case fails the level; a level with unsupported cases may pass in part.
         order = (CaseOutcome.FAIL, CaseOutcome.PASS, CaseOutcome.UNSUPPORTED)
         return {
             level: next(outcome for outcome in order if counts[outcome])
@@ -427,12 +427,12 @@ class Statement:
 
     @property
     def passed(self) -> bool:
-        """True if no case fails; a renderer claims all cases but unsupported cases."""
+        """True if no case fails; unsupported cases do not count as failed."""
         return CaseOutcome.FAIL not in self.levels.values()
 
     @property
     def partly(self) -> set[str]:
-        """Passed levels with cases that are not claimed or were not run."""
+        """Passed levels with cases that are unsupported or were not run."""
         return {level for level, n in self.counts.items() if 0 < n[CaseOutcome.PASS] < n.total()}
 
     @property

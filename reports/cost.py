@@ -178,7 +178,7 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
 
 
 def sentences(options: Sequence[Option], tolerance_px: float) -> list[str]:
-    """Return the answers within a tolerance and a fifth of it, and the option to take."""
+    """Return the answers within a tolerance and a fifth of it, and the recommended option."""
     mark = "\f"
     values = {
         "loose": rank(options, tolerance_px),
@@ -215,7 +215,7 @@ class CostReport(NotebookRepr):
 
     @cached_property
     def sentences(self) -> list[str]:
-        """Answers within the tolerance and a fifth of it, and the option to take."""
+        """Answers within the tolerance and a fifth of it, and the recommended option."""
         return sentences(self.options, self.tolerance_px)
 
     @property

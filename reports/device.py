@@ -79,7 +79,7 @@ def list_table(record: dict[str, Any]) -> str:
 
 
 def replayed(frames: Path, model: DeviceModel | None = None, *, progress: bool = False) -> Replayed:
-    """Explain recorded frames by a model, None for the model of their device."""
+    """Explain recorded frames by a model, by default the model of their device."""
     recording = read_frames(frames)
     with progress_bar(len(recording[1]), "replay", "frame", shown=progress) as bar:
         return replay(recording, model, lambda frame: bar.update())

@@ -135,7 +135,7 @@ def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
 def inspected_figures(
     scene: Scene, aperture: Aperture, as_found: Figures, corrected: Figures
 ) -> InspectedHogel:
-    """Return a hogel of another renderer, judged as it was found and after correction."""
+    """Return a hogel of another renderer, judged as delivered and after correction."""
     words = f"{as_found.numbers.limited_figure} {percent(as_found.numbers.judged_fraction)}"
     answer, image = as_found.answer, as_found.image
     # Ties have no true triangle, so that no renderer can be wrong there.

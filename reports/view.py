@@ -70,8 +70,8 @@ class Source:
     name: str
     #: cameras of the hogels; None if unknown
     settings: DoubleFrustum | None
-    #: function that yields the hogels of some parts in order; pixels outside of the parts have no
-    #: meaning
+    #: function that yields the hogels of some parts in order; pixels outside of the parts are
+    #: undefined
     hogels: Callable[[eye_loss.FilmParts], Iterator[eye_loss.DrawnHogel]]
 
 
@@ -144,7 +144,7 @@ def image_files(pattern: str, scene: Scene, encoding: Encoding = Encoding.RGB) -
                     f"{files.path(aperture)}: names a triangle that the scene does not have; "
                     "`xfrustum verify` detects how its numbers were stored"
                 )
-            # A picture of colors names no surfaces.
+            # A color picture does not identify surfaces.
             named = image.color is None or bool(
                 ((image.triangle != NOTHING) | (image.object != NOTHING)).any()
             )
@@ -216,7 +216,7 @@ class JudgedViews(eye_loss.Views):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneView(NotebookRepr):
-    """Pictures, loss maps and numbers of all eyes; a renderer's maps only if one is given."""
+    """Pictures, loss maps and numbers of all eyes; a renderer's maps exist only for a source."""
 
     scene: Scene
     views: tuple[JudgedViews, ...]

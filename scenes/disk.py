@@ -170,7 +170,7 @@ def read_small(path: Path, what: str, largest: int, advice: str = "") -> bytes:
 
 @contextmanager
 def damage_refused(path: Path, what: str, advice: str) -> Iterator[None]:
-    """Convert any exception of a library to InputError; the block must contain only its calls.
+    """Convert any exception of a library to InputError; the block must only call the library.
 
     All exceptions are converted: damaged archives make `zipfile` and NumPy raise fourteen classes.
     """

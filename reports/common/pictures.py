@@ -108,7 +108,7 @@ def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
 class LatestPictures:
     """Encoded pictures of the latest frames, reused for equal frames.
 
-    Depth buffers of one pair of cameras often draw equal frames, which share their error maps.
+    Different depth buffers of the same cameras often draw equal frames, with equal error maps.
     """
 
     def __init__(self) -> None:

@@ -129,7 +129,7 @@ class Measurement:
 
     @property
     def measured_over_predicted(self) -> dict[str, float | None]:
-        """Ratios; None without a measurement or a prediction, and where zero is predicted."""
+        """Ratios by statistic; None if a value is missing, or if the predicted value is zero."""
         predicted, measured = self.predicted, self.comparison.displacement_px
         moved = predicted.displacement_px if predicted else None
 
@@ -348,7 +348,7 @@ class Quantity:
     is_share: bool = False
 
     def figure(self, groups: Mapping[str, Rows], reach: float) -> Figure | None:
-        """Draw a line for each named group, and closed forms dashed; None if there are no points.
+        """Draw a line for each named group, and dashed closed forms; None if there are no points.
 
         Zeros of a share are hollow marks at half a pixel, below the smallest measurable share.
         """
@@ -436,7 +436,7 @@ def by_depth(rows: Rows) -> dict[str, Rows]:
 
 
 def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Figure | None:
-    """Draw a measured number and its closed form, dashed, against near as a share of the reach."""
+    """Draw a measured value, and its closed form as a dashed line, over near / reach."""
     nears, *heights = (list(column) for column in zip(*points, strict=True))
     marked: Figure = {
         "name": "measured",

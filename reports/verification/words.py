@@ -120,7 +120,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
 
 
 def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
-    """Return the sentence of a defect that explains too little, or makes right pixels wrong."""
+    """Return the sentence of a defect whose correction explains too little or breaks pixels."""
     words, share = defect_words(defect, scene, witnesses(diagnosis)), defect.explains or 0.0
     # Refuted guesses are parts of one correction; the last guess has the figures of the whole.
     parts = [guess for guess in diagnosis.does_not_explain if guess.refuted]

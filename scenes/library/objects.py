@@ -5,8 +5,8 @@ up and z forward, in millimeters. The wheels stand on y = 0, and the car is 100 
 high. It was modeled for this project: `car.npz` beside this module has vertices in nanometers,
 faces, and the faces of wheels that belong to rims.
 
-**Targets** for orientation, depth order, the cut at the plate, reflection, and bars. Lengths are
-millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 150 on both sides.
+**Targets** for orientation, depth order, the cut at the plate, reflection, and averaging. Lengths
+are millimeters; the plate is 80 x 60 with 81 x 61 apertures, and the reach is 150 on both sides.
 """
 
 from dataclasses import replace
