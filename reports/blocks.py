@@ -57,7 +57,7 @@ DEVICE_VARIABLE, CUDA_VARIABLE = "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES
 """Environment variables with the devices of a process: the index of the EGL device, and the CUDA
 devices."""
 
-#: time limit for the answer of a scheduler, seconds
+#: time limit for the response of a scheduler, seconds
 CONNECT_S = 10
 
 #: Time limit and polling interval, seconds, for a finished block of a cluster to appear in the

@@ -79,7 +79,7 @@ class BudgetReport(NotebookRepr):
         return tuple(name for name in CHAIN if culled or name != "T5")
 
     def summary(self) -> dict[str, Any]:
-        """Return one JSON object: the numbers of geometry, then the numbers of radiance."""
+        """Return one JSON object: errors of geometry, then errors of radiance."""
         geometry = json_object(with_sentences(self.geometry.numbers))
         return {**geometry, "radiance": json_object(self.radiance.numbers)}
 

@@ -494,7 +494,7 @@ class Statement:
 
 
 def counted_pixels(pixels: Pixels) -> str:
-    """Return numbers of pixels in words."""
+    """Return counts of pixels in words."""
     counts = asdict(pixels)
     shown, wrong = counts.pop("shown"), counts.pop("wrong")
     causes = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)
@@ -502,7 +502,7 @@ def counted_pixels(pixels: Pixels) -> str:
 
 
 def failure(verdict: Verdict) -> str:
-    """Return the sentences about a failed case, or its numbers of pixels."""
+    """Return the sentences about a failed case, or its counts of wrong pixels."""
     return "; ".join(verdict.words) or counted_pixels(verdict.pixels)
 
 

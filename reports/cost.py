@@ -178,7 +178,7 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
 
 
 def sentences(options: Sequence[Option], tolerance_px: float) -> list[str]:
-    """Return the answers within a tolerance and a fifth of it, and the recommended option."""
+    """Return sentences: the fastest options within a tolerance and a fifth of it, and advice."""
     mark = "\f"
     values = {
         "loose": rank(options, tolerance_px),
@@ -215,7 +215,7 @@ class CostReport(NotebookRepr):
 
     @cached_property
     def sentences(self) -> list[str]:
-        """Answers within the tolerance and a fifth of it, and the recommended option."""
+        """Sentences: the fastest options within the tolerance and a fifth of it, and advice."""
         return sentences(self.options, self.tolerance_px)
 
     @property

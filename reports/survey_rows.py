@@ -146,7 +146,7 @@ class WorstHogel:
 
     @property
     def order(self) -> tuple[object, ...]:
-        """Sort key, worst first; equal hogels by place, independent of the order of parts."""
+        """Sort key, worst first; equal hogels by position, independent of the order of parts."""
         return not self.beyond, -self.badness, -self.surface_fraction, self.aperture[::-1]
 
 

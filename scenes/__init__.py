@@ -11,7 +11,7 @@
 * shapes: shapes of size one; placing, refining and smoothing of meshes
 * arguments: arguments of the public dataclasses, and the error for the user
 * arrays: types of arrays, named by their content
-* representation: short texts of numbers and objects, labelled arrays, and sRGB colors
+* representation: short strings for numbers and objects, labelled arrays, and sRGB colors
 
 Words: see the glossary in CONVENTIONS.md.
 """

@@ -1,4 +1,4 @@
-"""Values for display: short texts of numbers, short `repr`, labelled arrays, and sRGB colors.
+"""Values for display: short strings for numbers, short `repr`, labelled arrays, and sRGB colors.
 
 Radiance is clipped to 0..1 and rounded to 8 bits for pages and notebooks.
 """

@@ -64,7 +64,7 @@ BLUE_RED = "053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182
 
 
 def scale_colors(anchors: str, places: Floats) -> list[str]:
-    """Return the colors of a scale at places from 0 to 1, as CSS."""
+    """Return the colors of a scale at positions from 0 to 1, as CSS."""
     colors = np.array([list(bytes.fromhex(color)) for color in anchors.split()])
     ends = np.linspace(0, 1, len(colors))
     levels = np.stack([np.interp(places, ends, channel) for channel in colors.T], axis=1)
@@ -255,7 +255,7 @@ def _error_map(
     colors: Sequence[str],
     reduction: int,
 ) -> bytes:
-    """Encode errors (H, W) by their places on a scale of colors; undefined ones are transparent."""
+    """Encode errors (H, W) by positions on a scale of colors; undefined errors are transparent."""
     if reduction > 1:
         # The largest and the smallest error of each block, NaN where all are undefined.
         finite, block = np.where(np.isfinite(error), error, np.nan), (reduction, reduction)
@@ -270,7 +270,7 @@ def _error_map(
 
 
 def _level(values: NDArray[np.floating], ends: tuple[float, float], steps: int) -> Floats:
-    """Return places of values on a logarithmic scale, from 0 to `steps` at its ends."""
+    """Return positions of values on a logarithmic scale, from 0 to `steps` at its ends."""
     low, high = np.log10(ends)
     with np.errstate(divide="ignore"):
         level: Floats = (np.log10(values) - low) / (high - low) * steps

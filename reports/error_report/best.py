@@ -67,7 +67,7 @@ class PredictedSurface:
 
 @dataclass(frozen=True, kw_only=True)
 class RowNumbers:
-    """Settings and numbers of a row, as report.json and measurements.parquet have them."""
+    """Settings and errors of a row, as report.json and measurements.parquet have them."""
 
     aperture: Aperture
     settings: DoubleFrustum = field(metadata=named_columns("{}"))

@@ -111,7 +111,7 @@ class ImageArray:
 
     name: str
     dtype: np.dtype[Any]
-    #: value of missing hogels
+    #: fill value, for missing hogels
     fill: Any
     #: shape of one image
     shape: tuple[int, ...]

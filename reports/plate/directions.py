@@ -310,7 +310,7 @@ class Request:
     """Facts that determine the way to draw or trace a plate."""
 
     by: By
-    #: place of the Zarr group, which may exist
+    #: path of the Zarr group, which may exist
     out: Path
     options: PlateOptions
     truth: bool
@@ -413,7 +413,7 @@ class DirectionsResult:
         return {"refused": self.refused or None, "speeds": speeds}
 
     def words(self, scene: Scene) -> str:
-        """Return the answer for the plate of a scene, in one or two sentences."""
+        """Return the result for the plate of a scene, in one or two sentences."""
         hogels = math.prod(scene.plate.hogels)
         return sentence("ways.txt.j2", "by_directions", result=self, hogels=hogels)
 

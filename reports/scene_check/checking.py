@@ -1,4 +1,4 @@
-"""`xfrustum check`: place and visibility of objects, likely mistakes, and two views."""
+"""`xfrustum check`: position and visibility of objects, likely mistakes, and two views."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -297,7 +297,7 @@ def check(
     settings: DoubleFrustum | None = None,
     viewer_distance: float | None = None,
 ) -> SceneCheck:
-    """Return places and visibility of objects, likely mistakes, effects, and errors by depth.
+    """Return position and visibility of objects, likely mistakes, effects, and errors by depth.
 
     `aperture`, `settings` and `viewer_distance` are passed to `scene_effects`.
     """

@@ -273,7 +273,7 @@ def baseline(
         # Hogels that this run does not judge remain accepted.
         hogels = [*run.hogels.values(), *(before[place] for place in before.keys() - run.hogels)]
         kept = asdict(run) | {"verification": run.verification | {"hogels": hogels}}
-        # No part of the key contains NUL: different keys give different texts.
+        # No part of the key contains NUL: different keys give different strings.
         name = hashlib.sha256("\0".join(run.key).encode()).hexdigest()[:16]
         content = json.dumps(kept, allow_nan=False, indent=1) + "\n"
         with refused(f"{OPTION} {folder}: cannot be made", "choose another place"):

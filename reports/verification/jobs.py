@@ -268,7 +268,7 @@ def _prepare(job: VerifyJob, blocks: Sequence[HogelBlock], note: Callable[[str],
 def _rows(
     job: VerifyJob, looks: Sequence[Sequence[HogelBlock]]
 ) -> tuple[list[dict[str, Any]], SampleExtent | None] | None:
-    """Return all rows with hogels, and the extent of a sample; None while blocks are missing."""
+    """Return all rows with hogels, and the counts of a sample; None while blocks are missing."""
     rows, sample = list[dict[str, Any]](), job.request.sample
     for look, blocks in enumerate(looks):
         if not all(map(job.finished, blocks)):

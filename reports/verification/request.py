@@ -74,7 +74,7 @@ class Request:
     """A verification: source of images, declared conventions, hogels and limits."""
 
     scene: Scene
-    #: pattern or place of files, or a function; None for a command
+    #: pattern or path of files, or a function; None for a command
     source: str | Renderer | None
     options: VerifyOptions
     #: meaning of pixel values in pictures

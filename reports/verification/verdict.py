@@ -154,7 +154,7 @@ class Verification(Verdict, NotebookRepr):
     diagnosis: Diagnosis
     #: pictured hogels, the worst first
     worst: tuple[Pictured, ...] = field(default=(), repr=False)
-    #: extent of a sample of the plate; None for chosen hogels
+    #: count of judged hogels of a sample, and its bounds; None for chosen hogels
     extent: SampleExtent | None = None
     #: order in which truths are computed
     truth_by: TruthBy = TruthBy.HOGELS
@@ -209,7 +209,7 @@ class Verification(Verdict, NotebookRepr):
         return f"{self.source} as an answer to {self.scene.name!r}. {words.sentence(self)}"
 
     def table(self) -> str:
-        """Return verdict, diagnosis and figures as lines."""
+        """Return verdict, diagnosis and measures as lines."""
         return table(self)
 
     def _figures(self) -> Sequence[Figure]:
@@ -431,7 +431,7 @@ def render_page(verification: Verification) -> str:
 
 
 def table(verification: Verification) -> str:
-    """Return verdict, diagnosis and figures as lines."""
+    """Return verdict, diagnosis and measures as lines."""
     problems = [hogel for hogel in verification.hogels if hogel.problem]
     values = _values(verification) | {"problems": problems, "listed": words.MAX_LISTED}
     return plain_text("verify.txt.j2", values, FILTERS).removesuffix("\n")

@@ -1,4 +1,4 @@
-"""Sentences of `verify` about defects, figures, limits and verdicts."""
+"""Sentences of `verify` about defects, measures, limits and verdicts."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _facts(defect: Defect, scene: Scene) -> dict[str, Any]:
 def guess_words(defect: Defect, diagnosis: Diagnosis, scene: Scene) -> str:
     """Return the sentence of a defect whose correction explains too little or breaks pixels."""
     words, share = defect_words(defect, scene, witnesses(diagnosis)), defect.explains or 0.0
-    # Refuted guesses are parts of one correction; the last guess has the figures of the whole.
+    # Refuted guesses are parts of one correction; the last guess has the numbers of the whole.
     parts = [guess for guess in diagnosis.does_not_explain if guess.refuted]
     if defect in parts[:-1]:
         return words
@@ -162,7 +162,7 @@ def check_words(check: Check) -> str:
 
 
 def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
-    """Return the sentence about the figures of one hogel or of all hogels."""
+    """Return the sentence about the measures of one hogel or of all hogels."""
     counts = " or ".join(WRONG_FIGURES[name] for name in figures.by.split(" or "))
     whole = isinstance(figures, PlateNumbers)
     return text("figures_words", figures=figures, counts=counts, whole=whole)
@@ -179,7 +179,7 @@ def where_words(where: Mapping[str, Any]) -> list[str]:
 
 
 def sentence(verification: Verification) -> str:
-    """Return the verdict with the figures of the worst hogel, which decides it."""
+    """Return the verdict with the measures of the worst hogel, which decides it."""
     return text("sentence", found=verification, nothing_to_judge=NOTHING_TO_JUDGE)
 
 

@@ -36,7 +36,7 @@ EPSILON = float(np.finfo(np.float64).eps)
 MAX_STEPS = 1e18
 #: Largest number of triangles: a finer tolerance is probably a mistake in the unit.
 MAX_TRIANGLES = 20_000_000
-Steps = Sequence[tuple[int, int]]  #: numbers of steps along u and v into which each patch is cut
+Steps = Sequence[tuple[int, int]]  #: numbers of steps of each patch along u and v
 
 
 def evenly(count: int) -> Floats:

@@ -441,7 +441,7 @@ class ObjectExtent:
 
 
 def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
-    """Return the place and the size of each object of a scene."""
+    """Return position, size and visibility of each object of a scene."""
     places, (column, row) = [], scene.plate.middle.index
     for number, part in enumerate(scene.objects):
         flags = apertures_in_view(part, scene.frustum, scene.plate)
