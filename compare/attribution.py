@@ -478,8 +478,8 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     """Return the colors before and after each local link, (1 + links, H, W, 3) linear RGB.
 
     The chain's images are sampled once per pixel: T0 to R1 shaded along true lines, R1 shaded with
-    the eye vector of the camera that drew each point, and R1 as the device shaded it. Each color is
-    the mean over `side` x `side` of their pixels.
+    the eye vector of the camera that drew each point, and R1 as the device shaded it. Each
+    pixel of the result is the mean of `side` x `side` pixels of these images.
     """
     shader, drawn = Shader(scene), chain.images[-1]
     if drawn.color is None:

@@ -201,8 +201,9 @@ def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFID
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
         return possible
-    # If only the longest runs consist of hogels with the property, the plate's share is larger than
-    # the mean share of the runs, by at most this factor.
+    # A long run has one hogel more than a short run, but counts as one hogel of the sample as well.
+    # If only long runs are beyond the limits, the plate's share exceeds the mean share of the runs,
+    # by at most this factor.
     longest = math.ceil(hogels / judged) * judged / hogels
     return min(possible, longest * share_at_most(beyond, judged, 1 - risk))
 

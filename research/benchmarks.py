@@ -363,7 +363,7 @@ def benchmark_judge(
 
 
 def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
-    """Measure the contestants at one resolution."""
+    """Measure all compared programs at one resolution."""
     middle, plate = scene.plate.middle, scene.plate
     # Spread the hogels evenly over the plate, row by row; a plate with fewer hogels repeats some.
     numbers = np.linspace(0, math.prod(plate.hogels) - 1, hogels).astype(int).tolist()

@@ -55,7 +55,7 @@ ANTIALIASED = Sampling(multisample=4)
 REALITY_ENGINE, MAXIMUM_IMPACT = "RealityEngine2", "Maximum Impact"
 
 #: Paper, table 1: number of polygons of a database, share of polygons with reflection mapping, and
-#: by machine the frames and the polygons per second
+#: the frames and polygons per second of each machine
 PAPER = (
     (42_382, 0.312, {REALITY_ENGINE: (1.98, 84_077), MAXIMUM_IMPACT: (3.42, 144_868)}),
     (272_074, 0.479, {REALITY_ENGINE: (0.258, 70_286), MAXIMUM_IMPACT: (0.58, 159_710)}),

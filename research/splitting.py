@@ -591,11 +591,12 @@ def agreement(rows: Rows) -> dict[str, float]:
 
     Measures and closed forms agree for `same` of the `cells`. The others include `in_gaps` cells in
     a gap: a near that is not enough between two nears that are. `lowest` and `highest` are ratios
-    of measured to predicted displacement, for predictions of a tenth to ten times the tolerance and
-    few pixels wrong by depth. `same_by_rule` cases agree with a rule of thumb: displacement is
-    largest in the film's corner, W / 2 sqrt(2) n / (|z| + n), and stays within the tolerance for n
-    up to about sqrt(2) TOLERANCE_PX |z| / W; one pair is enough if this limit is at least
-    `least_near`.
+    of measured to predicted displacement. They cover rows with few pixels wrong by depth whose
+    prediction is a tenth to ten times the tolerance.
+
+    `same_by_rule` cases agree with a rule of thumb: displacement is largest in the film's corner,
+    W / 2 sqrt(2) n / (|z| + n), and stays within the tolerance for n up to about
+    sqrt(2) TOLERANCE_PX |z| / W; one pair is enough if this limit is at least `least_near`.
     """
     single, results = [row for row in rows if not row.slabs], outcomes(rows)
     measured = {row.near for row in single}

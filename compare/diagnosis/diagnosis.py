@@ -117,9 +117,9 @@ class Diagnosis:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """Reading of a renderer's images, diagnosis with this reading, and rules of judgment.
+    """Detected encoding of a renderer's images, diagnosis with this encoding, rules of judgment.
 
-    The defects of the diagnosis include the defects of the reading.
+    The defects of the diagnosis include the defects of the encoding.
     """
 
     encoding: FoundEncoding

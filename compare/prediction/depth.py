@@ -301,7 +301,7 @@ def depth_wrong_shares(
     lose it. The expected number of pixels that are wrong with linear depth is subtracted, on the
     assumption that the other buffers make the same pixels wrong.
     """
-    # Linear D32F depth represents a depth buffer without errors.
+    # Linear D32F depth stands in for a depth buffer without errors.
     control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = MAX_ORDER_FACTOR if unlucky else 1.0
     expected = np.zeros(len(settings))

@@ -161,7 +161,7 @@ def pixel_slack(bundle: RayBundle, axis: int) -> float:
 
     A projected slope x / s has a relative rounding error of 3 u; k and t add another 3 u. Near the
     film no slope exceeds |k| + t, and W / (2 t) converts slopes to pixels. The returned bound is at
-    least twice the result.
+    least twice this error.
     """
     ratio = abs(bundle.shear[axis]) / bundle.half_extent[axis]
     return 16 * UNIT_ROUNDOFF * bundle.resolution[axis] * (ratio + 2)

@@ -31,7 +31,7 @@ def _fraction_bits(values: Floats) -> int:
     return int(max(0, (53 - trailing - exponent).max()))
 
 
-#: Number of scenes whose number of bits is cached, for all apertures of a plate
+#: Number of scenes in the cache of bit counts; all apertures of a plate share one entry
 REMEMBERED_SCENES = 8
 
 _REMEMBERED: deque[tuple[ref[Floats], int]] = deque(maxlen=REMEMBERED_SCENES)

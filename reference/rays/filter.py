@@ -34,7 +34,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 EDGE_ROUNDING = 8 * UNIT_ROUNDOFF
 
 #: Underflow bound of a sum of products of three factors, for coordinates up to 2^42 and directions
-#: up to 1: an error of some 2^-1074 in a factor is multiplied by the other two, below 2^-980
+#: up to 1: an error of about 2^-1074 in one factor, times the other two factors, is below 2^-980
 UNDERFLOW_BOUND = 2.0**-900
 
 

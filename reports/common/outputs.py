@@ -160,7 +160,7 @@ def write_files(out: Path, files: Mapping[str, object]) -> tuple[Path, ...]:
 
 
 def check_writable_folder(path: Path, names: Sequence[str] = ()) -> None:
-    """Raise InputError unless files of these names can be put here; leaves nothing behind."""
+    """Raise InputError if files of these names cannot be written here; leave nothing behind."""
     with Staging(path, names):
         pass
 

@@ -335,7 +335,7 @@ def interruptions() -> list[int]:
 def hide_known_complaints() -> None:
     """Hide two harmless tracebacks that Blender prints when it is a Python module.
 
-    The module lacks oslquery, which lists parameters of shaders; the camera's shader has none.
+    The module lacks oslquery, which lists a shader's parameters, and the camera's shader has none.
     Blender also queries the session of renderers after their removal.
     """
     shown, unraisable = sys.excepthook, sys.unraisablehook

@@ -169,7 +169,7 @@ def _smoothing(lines: TextLines, statements: list[int]) -> list[UnreadFeature]:
 
 def _rows(values: Floats, counts: Indices, width: int) -> Floats:
     """Return (N, width) rows with `counts` numbers each; the rest of a short row is undefined."""
-    # The last rows are padded, so that a short row at the end reads no missing numbers.
+    # A short row at the end would read beyond the values, so the values are padded.
     padded = np.append(values, np.full(width, np.nan))
     return np.asarray(padded[starts_of(counts)[:, None] + np.arange(width)])
 

@@ -83,7 +83,7 @@ class TextLines:
         """Return the first word of each line in lower case, cut to `size` bytes."""
         words = np.zeros((size, len(self)), np.uint8)
         inside = np.ones(len(self), np.bool_)
-        for place in range(size):  # column by column: whole rows of indices take much memory
+        for place in range(size):  # byte by byte: indices of all bytes take much memory
             letters = self._bytes[np.minimum(self._starts + place, len(self._bytes) - 1)]
             inside &= letters > _SPACE
             capital = (letters >= ord("A")) & (letters <= ord("Z"))

@@ -1,4 +1,4 @@
-"""Leaving out effects that no visible surface of a scene needs changes no bit."""
+"""Images keep every bit if effects that no visible surface needs are left out."""
 
 from dataclasses import replace
 from math import radians

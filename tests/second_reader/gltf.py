@@ -244,7 +244,9 @@ def _composed(translation: Any, rotation: Any, scale: Any) -> Placement:
     if rotation is not None:
         turn, sizes = np.eye(4), np.eye(4)
         turn[:3, :3] = Rotation.from_quat(rotation).as_matrix()
-        sizes[:3, :3] = 3.0  # the absolute terms of an entry sum to at most 3, even if they cancel
+        sizes[:3, :3] = (
+            3.0  # absolute terms of an entry sum to at most 3, even where the terms cancel
+        )
         placement = Placement(turn, sizes) @ placement
     if translation is not None:
         matrix = np.eye(4)

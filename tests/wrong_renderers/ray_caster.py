@@ -216,7 +216,7 @@ class Drawing:
 
 
 def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Drawing:
-    """Return the drawing of one hogel, which is made only once."""
+    """Return the drawing of one hogel; the world keeps it."""
     return world.once((i, j, wrong), lambda: _draw(world, i, j, wrong))
 
 

@@ -619,7 +619,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def warn_of_culling(scene: Scene, cull: Cull) -> None:
-    """Warn on standard error of objects that culling mostly removes from view."""
+    """Print warnings about objects that culling mostly removes from view."""
     from xfrustum.reports.text import facing_warnings
 
     if cull is Cull.BACK:

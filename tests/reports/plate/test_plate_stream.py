@@ -67,7 +67,7 @@ def drawn(
 
 @contextmanager
 def disk_full_after(files: int, out: Path) -> Iterator[None]:
-    """Fail as on a disk that is full after a number of files of a plate."""
+    """Simulate a disk that is full after a number of files of a plate."""
     put, count = local_store._put, itertools.count(1)
 
     def limited(path: Path, *arguments: Any, **others: Any) -> int:

@@ -111,7 +111,7 @@ def placed(place: str) -> Writer:
 
 @pytest.mark.parametrize("place", ["sheared", "instances", "joint", "mirrored joint", "quantized"])
 def test_normals_follow_the_surface_through_every_placement(place: str, tmp_path: Path) -> None:
-    """Faces point outward, as their normals do; the shear mirrors too."""
+    """Faces and their normals point outward; the sheared transform also mirrors."""
     mesh = read(placed(place), tmp_path)
     assert mesh.vertex_normals is not None
     a, b, c = np.moveaxis(corners(mesh), 1, 0)
